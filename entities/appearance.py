@@ -1,12 +1,14 @@
-"""Appearance of scenes: colours and textures of surfaces, which only images depend on.
+"""Appearance of scenes: surfaces, lights and cameras, whose parameters only images depend on.
 
 A renderer copies textures when it is made, so a texture is changed by giving geoms another material. `add_variants`
-adds these materials to a scene before it is compiled. Parameters are written to a model that has its built values.
+adds these materials to a scene before it is compiled. Parameters are written to a model that has its built values, to
+which offsets, rotations and factors are relative.
 """
 
+import collections
 import dataclasses
 import weakref
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -83,11 +85,8 @@ class Surface:
 def add_variants(root: mjcf.RootElement, surfaces: Iterable[Surface]) -> None:
     """Adds the materials of the textures to choose from, for those surfaces that the scene shows.
 
-    Physics and images stay the same to the bit while no parameter is set.
-
-    Args:
-      root: of the scene's model, with all that is attached to it; not yet compiled.
-      surfaces: of the scene.
+    The model with all that is attached to its `root` is not yet compiled. Physics and images stay the same to the bit
+    while no parameter is set.
     """
     materials = {material.full_identifier for material in root.find_all("material")}
     pictures = {_source(texture): texture for texture in root.find_all("texture") if texture.file is not None}
@@ -96,17 +95,11 @@ def add_variants(root: mjcf.RootElement, surfaces: Iterable[Surface]) -> None:
             continue
         for name, texture in zip(surface.variants, surface.textures, strict=True):
             element = root.asset.add("texture", name=name, type=surface.kind, **texture.texture)
-            if element.file is not None:
-                element = _first_of_source(element, pictures)
+            # A renderer takes long to load large textures: of equal ones from a file, one is enough.
+            if element.file is not None and (first := pictures.setdefault(_source(element), element)) is not element:
+                element.remove()
+                element = first
             root.asset.add("material", name=name, texture=element, rgba=(*surface.color, 1), **texture.material)
-
-
-def _first_of_source(texture: mjcf.Element, pictures: dict[tuple[str, str], mjcf.Element]) -> mjcf.Element:
-    """Returns a texture from a file, or an equal one that the scene had: a renderer takes long to load large ones."""
-    first = pictures.setdefault(_source(texture), texture)
-    if first is not texture:
-        texture.remove()
-    return first
 
 
 def _source(texture: mjcf.Element) -> tuple[str, str]:
@@ -134,9 +127,9 @@ class _Ids:
 def _color(surface: Surface) -> ParameterType:
     names = (*surface.materials, *surface.variants)
     materials = _Ids(_MATERIAL, names)
-    geom_names: dict[float, list[str]] = {}
+    geom_names: dict[float, list[str]] = collections.defaultdict(list)
     for name in surface.geoms:
-        geom_names.setdefault(surface.shades.get(name, 1.0), []).append(name)
+        geom_names[surface.shades.get(name, 1.0)].append(name)
     by_shade = {shade: _Ids(_GEOM, group) for shade, group in geom_names.items()}
 
     def arrays(physics: mjcf.Physics) -> Iterator[tuple[NDArray, NDArray[np.int64], float]]:
@@ -229,12 +222,9 @@ _WALL_TEXTURES = (
     _picture("marble", "marble1", **_MATT),
     _picture("mosaic", "tile1", **_MATT),
 )
-_FRONT_TEXTURES = (
-    _picture("wood", "wood1", **_SATIN),
-    _picture("concrete", "metal1", **_SATIN),
-    _speckles("laminate", 0.2, 0.85, **_SATIN),
-    _picture("marble", "marble1", **_SATIN),
-)
+_CONCRETE, _MARBLE = _picture("concrete", "metal1", **_SATIN), _picture("marble", "marble1", **_SATIN)
+_LAMINATE = _speckles("laminate", 0.2, 0.85, **_SATIN)
+_FRONT_TEXTURES = (_picture("wood", "wood1", **_SATIN), _CONCRETE, _LAMINATE, _MARBLE)
 
 KITCHEN = (
     _FLOOR,
@@ -245,7 +235,7 @@ KITCHEN = (
         color=(1, 1, 1),
         materials=("counter/marble",),
         textures=(
-            _picture("wood", "wood1", specular=0.2, shininess=0.3),
+            _picture("wood", "wood1", **_SATIN),
             _speckles("granite", 0.3, 0.7, specular=0.4, shininess=0.6),
             _picture("concrete", "metal1", specular=0.1, shininess=0.2),
             _picture("mosaic", "tile1", specular=0.3, shininess=0.5),
@@ -306,11 +296,7 @@ OPEN_CABINET = (
         prefix="cabinet/worktop_",
         color=(1, 1, 1),
         materials=("cabinet/worktop",),
-        textures=(
-            _picture("marble", "marble1", **_SATIN),
-            _speckles("granite", 0.3, 0.7, **_SATIN),
-            _picture("concrete", "metal1", **_SATIN),
-        ),
+        textures=(_MARBLE, _speckles("granite", 0.3, 0.7, **_SATIN), _CONCRETE),
     ),
     Surface(prefix="cabinet/handle_", color=cabinet.COLORS["metal"], materials=("cabinet/metal",)),
     FRANKA,
@@ -318,18 +304,128 @@ OPEN_CABINET = (
 
 MICROWAVE_TABLE = (
     *ROOM,
-    Surface(
-        prefix="table/",
-        color=(1, 1, 1),
-        materials=("wood",),
-        textures=(
-            _picture("marble", "marble1", **_SATIN),
-            _speckles("laminate", 0.2, 0.85, **_SATIN),
-            _picture("concrete", "metal1", **_SATIN),
-        ),
-    ),
+    Surface(prefix="table/", color=(1, 1, 1), materials=("wood",), textures=(_MARBLE, _LAMINATE, _CONCRETE)),
     Surface(prefix="table/leg_", color=(0.36, 0.47, 0.53), materials=("leg",)),
     Surface(prefix="pedestal/", color=(0.55, 0.56, 0.58), materials=("steel",)),
     *MICROWAVE,
     FRANKA,
+)
+
+
+def light_parameters(root: mjcf.RootElement) -> tuple[Parameter, ...]:
+    """Returns the parameters of the lights in the model of a scene, with all that is attached to its `root`.
+
+    Those of the arena share brightness, warmth and direction; the lights of other entities have a brightness each.
+    """
+    lights = root.find_all("light")
+    room = tuple(light for light in lights if light.root is root)
+    others = (light for light in lights if light.root is not root)
+    return (
+        Parameter(name="light/brightness", unit="1", type=BRIGHTNESS, elements=room),
+        Parameter(name="light/warmth", unit="1", type=WARMTH, elements=room),
+        Parameter(name="light/ambient", unit="1", type=AMBIENT, elements=room[:1]),
+        Parameter(name="light/rotation", unit="rad", type=LIGHT_ROTATION, elements=room),
+        *(
+            Parameter(name=f"{light.full_identifier}_brightness", unit="1", type=BRIGHTNESS, elements=(light,))
+            for light in others
+        ),
+    )
+
+
+def camera_parameters(root: mjcf.RootElement) -> tuple[Parameter, ...]:
+    """Returns offset, rotation and vertical field of view of all cameras of a scene; `root` as of `light_parameters`.
+
+    Their names are such as `camera/left_offset` for a camera `left` of the arena, and `franka/wrist_camera_offset` for
+    a camera `wrist` of the robot.
+    """
+    types = (("offset", "m", CAMERA_OFFSET), ("rotation", "rad", CAMERA_ROTATION), ("fovy", "deg", FIELD_OF_VIEW))
+    return tuple(
+        Parameter(name=f"{camera_prefix(camera.full_identifier)}{name}", unit=unit, type=each, elements=(camera,))
+        for camera in root.find_all("camera")
+        for name, unit, each in types
+    )
+
+
+def camera_prefix(camera: str) -> str:
+    """Returns the beginning of the names of the parameters of a camera with a given full name."""
+    return f"{camera}_camera_" if "/" in camera else f"camera/{camera}_"
+
+
+def _relative(
+    *fields: str,
+    change: Callable[[NDArray, NDArray[np.float64]], NDArray],
+    default: ArrayLike = 0.0,
+    non_negative: bool = False,
+) -> ParameterType:
+    """Returns a kind of parameter by which fields of lights or cameras differ from the built scene.
+
+    `change` returns their values, given the built ones and the parameter's value; the default one changes nothing.
+    """
+
+    def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
+        if not elements:
+            return
+        ids, model = np.atleast_1d(physics.bind(elements).element_id), physics.model.ptr
+        for field in fields:
+            values = getattr(model, field)
+            values[ids] = change(values[ids], value)
+
+    return ParameterType(
+        read=lambda physics, elements: default,
+        write=write,
+        model_fields=fields,
+        shape=np.shape(default),
+        non_negative=non_negative,
+        visual=True,
+    )
+
+
+def _turned(directions: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    if rotation.any():
+        for direction in directions:
+            mujoco.mju_rotVecQuat(direction, direction.copy(), _quaternion(rotation))
+    return directions
+
+
+def _turned_frames(quaternions: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    for quaternion in quaternions:
+        mujoco.mju_mulQuat(quaternion, quaternion.copy(), _quaternion(rotation))
+    return quaternions
+
+
+def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the quaternion of a rotation vector [rad]."""
+    angle = np.linalg.norm(rotation)
+    quaternion = np.empty(4)
+    mujoco.mju_axisAngle2Quat(quaternion, rotation / (angle or 1.0), angle)
+    return quaternion
+
+
+# Factor of the diffuse and specular colours of lights.
+BRIGHTNESS = _relative(
+    "light_diffuse", "light_specular", change=lambda colors, factor: colors * factor, default=1.0, non_negative=True
+)
+
+# Relative surplus of red, and lack of blue, in the diffuse colours of lights; negative for cold light.
+WARMTH = _relative("light_diffuse", change=lambda colors, surplus: colors * np.array([1 + surplus, 1.0, 1 - surplus]))
+
+# Grey light from all sides, added to that of the built scene; 1 lights a white surface fully.
+AMBIENT = _relative("light_ambient", change=lambda colors, grey: colors + grey, non_negative=True)
+
+# Rotation vector in the world frame, by which the directions of lights are turned.
+LIGHT_ROTATION = _relative("light_dir", change=_turned, default=np.zeros(3))
+
+# Translation from the built position, in the frame of the parent body.
+CAMERA_OFFSET = _relative("cam_pos", change=lambda positions, offset: positions + offset, default=np.zeros(3))
+
+# Rotation vector from the built orientation, in the camera's frame: x is right, y up, z backwards.
+CAMERA_ROTATION = _relative("cam_quat", change=_turned_frames, default=np.zeros(3))
+
+# Vertical field of view.
+FIELD_OF_VIEW = ParameterType(
+    read=lambda physics, cameras: physics.bind(cameras[0]).fovy,
+    write=lambda physics, cameras, value: setattr(physics.bind(cameras), "fovy", value),
+    model_fields=("cam_fovy",),
+    non_negative=True,
+    visual=True,
 )

@@ -56,18 +56,9 @@ def asset_dir() -> Path:
 
 
 def load_mjcf(name: str, *, visuals: bool = True) -> mjcf.RootElement:
-    """Parses `xml/<name>.xml` of this package.
-
-    Args:
-      name: file name without its ending.
-      visuals: `False` removes the visual geoms (see `remove_visuals`); `True` moves them to bodies of their own (see
-        `split_visual_geoms`).
-    """
+    """Parses `xml/<name>.xml` of this package; the visual geoms have bodies of their own, or are removed."""
     model = mjcf.from_xml_string((_XML_DIR / f"{name}.xml").read_text(encoding="utf-8"), model_dir=str(asset_dir()))
-    if visuals:
-        split_visual_geoms(model)
-    else:
-        remove_visuals(model)
+    (split_visual_geoms if visuals else remove_visuals)(model)
     return model
 
 

@@ -133,34 +133,27 @@ class CabinetConfig:
         yield "handle_height", edge < front / 2 + _ROUNDING, f"keep the bar within the half height {front / 2:g}"
 
 
-def _check_field(name: str, value: Any, default: float | tuple[float, ...]) -> None:
+def _check_field(name: str, value: Any, default: Any) -> None:
     """Raises an error unless a value is like the default: a number, or a tuple of as many numbers."""
-    what = f"{name} of a cabinet"
-    numbers = (value,)
-    if isinstance(default, tuple):
-        if not isinstance(value, tuple):
-            raise TypeError(f"{what} must be a tuple of {len(default)} numbers, got {checks.shown(value)}")
-        if len(value) != len(default):
-            raise ValueError(f"{what} must hold {len(default)} numbers, got {checks.shown(value)}")
-        numbers = value
-    for number in numbers:
+    what, is_tuple = f"{name} of a cabinet", isinstance(default, tuple)
+    if is_tuple and not isinstance(value, tuple):
+        raise TypeError(f"{what} must be a tuple of {len(default)} numbers, got {checks.shown(value)}")
+    if is_tuple and len(value) != len(default):
+        raise ValueError(f"{what} must hold {len(default)} numbers, got {checks.shown(value)}")
+    for number in value if is_tuple else (value,):
         if name in _SIGNED:
             checks.vector((number,), 1, what)
-        else:
-            if not _LEAST <= checks.number(number, what, positive=True) <= _GREATEST:
-                raise ValueError(f"{what} must be between {_LEAST:g} and {_GREATEST:g}, got {checks.shown(value)}")
+        elif not _LEAST <= checks.number(number, what, positive=True) <= _GREATEST:
+            raise ValueError(f"{what} must be between {_LEAST:g} and {_GREATEST:g}, got {checks.shown(value)}")
 
 
 class Cabinet(Prop):
     """The cabinet; the origin of its frame is its centre, x points out of its front."""
 
     def _build(self, config: CabinetConfig | None = None, *, visuals: bool = True, name: str = "cabinet") -> None:
-        """Builds the cabinet.
+        """Builds the cabinet with given sizes and resistances, or the default; `name` is the prefix of its elements.
 
-        Args:
-          config: sizes and resistances; the default config when omitted.
-          visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
-          name: prefix of the cabinet's elements in a scene.
+        Without `visuals` it has no visual geoms; the physics stays the same to the bit.
         """
         self._config = config or CabinetConfig()
         self._mjcf_root = assets.new_model(name)
@@ -186,9 +179,8 @@ class Cabinet(Prop):
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
         """Top and bottom drawer's slide, left and right door's hinge; 0 is closed, opening is positive."""
-        drawers = (self.drawer_joint(drawer) for drawer in DRAWERS)
-        doors = (self._mjcf_root.find("joint", f"door_{door}_joint") for door in DOORS)
-        return (*drawers, *doors)
+        names = (*(f"drawer_{drawer}" for drawer in DRAWERS), *(f"door_{door}" for door in DOORS))
+        return tuple(self._mjcf_root.find("joint", f"{name}_joint") for name in names)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -208,9 +200,9 @@ class Cabinet(Prop):
 
     def handle_geoms(self, drawer: str) -> tuple[mjcf.Element, ...]:
         """The geoms of a drawer's handle: first the colliding bar, then the posts and the visual geoms."""
-        bar = self._mjcf_root.find("geom", f"drawer_{drawer}_handle_bar")
-        others = (geom for geom in bar.parent.geom if f"drawer_{drawer}_handle_" in geom.name and geom != bar)
-        return (bar, *others)
+        stem = f"drawer_{drawer}_handle_"
+        bar = self._mjcf_root.find("geom", f"{stem}bar")
+        return (bar, *(geom for geom in bar.parent.geom if stem in geom.name and geom != bar))
 
     def _add_defaults(self) -> None:
         top = self._mjcf_root.default

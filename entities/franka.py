@@ -33,12 +33,9 @@ class Franka(assets.NamedEntity):
     """The arm with its hand; its base is at the entity's origin and faces +x."""
 
     def _build(self, specification: FrankaSpec = KITCHEN_FRANKA, *, visuals: bool = True, name: str = "franka") -> None:
-        """Builds the robot.
+        """Builds the robot of a specification; `name` is the prefix of its elements in a scene.
 
-        Args:
-          specification: parameters of the robot.
-          visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
-          name: prefix of the robot's elements in a scene.
+        Without `visuals` it has no visual geoms; the physics stays the same to the bit.
         """
         self._specification = specification
         self._mjcf_root = assets.new_model(name)
@@ -114,12 +111,9 @@ class Franka(assets.NamedEntity):
             for kind in ("collision", "visual"):
                 path = f"franka_assets/meshes/{kind}/{part}.stl"
                 self._mjcf_root.asset.add("mesh", name=f"{part}_{kind}", file=path)
-        self._mjcf_root.asset.add(
-            "mesh",
-            name="finger_visual",
-            file="franka_assets/meshes/collision/finger.stl",
-            scale=self._specification.finger_scale,
-        )
+        path = "franka_assets/meshes/collision/finger.stl"
+        size = self._specification.finger_scale
+        self._mjcf_root.asset.add("mesh", name="finger_visual", file=path, scale=size)
 
     def _add_arm(self) -> None:
         specification = self._specification
@@ -129,9 +123,8 @@ class Franka(assets.NamedEntity):
             body = body.add("body", name=f"link{number}", pos=link.pos, **link.rotation)
             self._add_joint(body, link.actuator, type="hinge", axis=(0, 0, 1))
             self._add_part(body, f"link{number}", link.inertia)
-        self._add_part(
-            body, "hand", specification.hand_inertia, pos=specification.hand_pos, quat=specification.hand_quat
-        )
+        pose = {"pos": specification.hand_pos, "quat": specification.hand_quat}
+        self._add_part(body, "hand", specification.hand_inertia, **pose)
         body.add("site", size=(0.01,), group=3, **specification.end_effector)
         body.add("camera", name="wrist", **specification.wrist_camera)
         body.add("camera", name="hand", **specification.hand_camera)
@@ -139,9 +132,8 @@ class Franka(assets.NamedEntity):
     def _add_finger(self, finger: Finger) -> None:
         specification = self._specification
         link7 = self._mjcf_root.find("body", "link7")
-        body = link7.add(
-            "body", name=f"{finger.side}_finger", pos=specification.finger_pos, quat=specification.hand_quat
-        )
+        pose = {"pos": specification.finger_pos, "quat": specification.hand_quat}
+        body = link7.add("body", name=f"{finger.side}_finger", **pose)
         body.add("inertial", mass=finger.inertia.mass, **finger.inertia.inertial)
         self._add_joint(body, finger.actuator, type="slide", axis=finger.axis)
         # The mesh is that of a left finger.
@@ -165,14 +157,8 @@ class Franka(assets.NamedEntity):
             geom.rgba = (*(shade * channel for channel in COLOR), 1)
 
     def _add_joint(self, body: mjcf.Element, actuator: JointActuator, **attributes: Any) -> None:
-        joint = body.add(
-            "joint",
-            name=actuator.joint,
-            range=actuator.range,
-            damping=actuator.damping,
-            armature=actuator.armature,
-            **attributes,
-        )
+        attributes |= {"range": actuator.range, "damping": actuator.damping, "armature": actuator.armature}
+        joint = body.add("joint", name=actuator.joint, **attributes)
         self._mjcf_root.actuator.add(
             "position",
             name=actuator.joint,

@@ -143,11 +143,9 @@ class FrankaSpec:
 def _links(
     prefix: str, rows: Iterable[tuple[Vector, Attributes, Inertia, Limits, Limits, Attributes]]
 ) -> tuple[Link, ...]:
-    """Returns links 1 to 7.
+    """Returns links 1 to 7, whose joints are named by `prefix` and number.
 
-    Args:
-      prefix: of the joints' names, before the number of the link.
-      rows: origin [m], rotation, inertia, joint range [rad], control range [rad], actuator parameters of each.
+    Each row has origin [m], rotation, inertia, joint range [rad], control range [rad], actuator parameters.
     """
     return tuple(
         Link(
@@ -161,14 +159,9 @@ def _links(
 
 
 def _finger(sign: int, inertia: Inertia, geoms: Iterable[Attributes], *, prefix: str, **parameters: float) -> Finger:
-    """Returns the left finger, `sign` 1, or the right one, `sign` -1.
+    """Returns the left finger, which opens along y (`sign` 1), or the right one (`sign` -1).
 
-    Args:
-      sign: of the y axis along which it opens.
-      inertia: mass and its distribution.
-      geoms: attributes of its colliding geoms, with names that lack the side.
-      prefix: of the joint's name, before the number of the finger.
-      **parameters: of the actuator.
+    The names of geoms lack the side, `prefix` is that of the joint's name, and parameters are of the actuator.
     """
     side, number = ("left", 1) if sign == 1 else ("right", 2)
     travel = (0, 0.04)
@@ -236,10 +229,8 @@ def _kitchen_finger(sign: int) -> Finger:
         "pos": (0, sign * 0.014, 0.015),
         "euler": (sign * 0.03, 0, 0),
     }
-    inertia, servo = (
-        Inertia(mass=0.0927059, inertial=inertial),
-        {"damping": 100, "armature": 5, "gain": 500, "force": 70},
-    )
+    inertia = Inertia(mass=0.0927059, inertial=inertial)
+    servo = {"damping": 100, "armature": 5, "gain": 500, "force": 70}
     return _finger(sign, inertia, (*rungs, box), prefix="panda0_finger_joint", **servo)
 
 
@@ -273,8 +264,7 @@ PAD_HALF_SIZE = (0.0105, 0.005, 0.0095)
 
 # Offsets along z [m]: from the hand to the fingers' frames, from the hand to the middle of the pads, from link 7 to the
 # hand.
-_FINGER_Z = 0.0584
-_TOOL_Z = 0.1034
+_FINGER_Z, _TOOL_Z = 0.0584, 0.1034
 _HAND_Z = 0.107
 _HAND_QUAT = (math.cos(math.pi / 8), 0.0, 0.0, -math.sin(math.pi / 8))
 
@@ -323,12 +313,8 @@ _FINGER_INERTIA = _inertia(0.015, (0.0, 0.0, 0.0), (2.375e-06, 2.375e-06, 7.5e-0
 
 def _panda_finger(sign: int) -> Finger:
     """Returns a finger with a pad at its tip, and a shank between pad and hand."""
-    pad = {
-        "name": "pad",
-        "type": "box",
-        "size": PAD_HALF_SIZE,
-        "pos": (0, sign * PAD_HALF_SIZE[1], _TOOL_Z - _FINGER_Z),
-    }
+    pad_pos = (0, sign * PAD_HALF_SIZE[1], _TOOL_Z - _FINGER_Z)
+    pad = {"name": "pad", "type": "box", "size": PAD_HALF_SIZE, "pos": pad_pos}
     shank = {"name": "shank", "type": "box", "size": (0.0105, 0.0055, 0.0175), "pos": (0, sign * 0.0205, 0.0175)}
     servo = {"damping": 5.0, "armature": 0.1, "gain": 1000.0, "velocity_gain": 100.0, "force": 100.0}
     return _finger(sign, _FINGER_INERTIA, (pad, shank), prefix="finger_joint", **servo)

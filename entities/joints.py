@@ -15,9 +15,8 @@ _QVEL_WIDTHS = np.array([6, 3, 1, 1])
 
 
 def position_sizes(joints: Sequence[mjcf.Element]) -> list[int]:
-    """Returns the number of each joint's elements in qpos; a joint's type must be its own, not that of a class."""
-    types = ["free" if joint.tag == "freejoint" else joint.type or "hinge" for joint in joints]
-    return [int(_QPOS_WIDTHS[_TYPES.index(kind)]) for kind in types]
+    """Returns the number of each joint's elements in qpos."""
+    return [int(_QPOS_WIDTHS[_TYPES.index(kind)]) for kind in joint_types(joints)]
 
 
 def joint_types(joints: Sequence[mjcf.Element]) -> list[str]:
@@ -39,10 +38,7 @@ def _joint_type(joint: mjcf.Element) -> str:
 def addresses(physics: mjcf.Physics, joints: Sequence[mjcf.Element]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Returns the indices of some joints in qpos and in qvel, joint by joint."""
     bound = physics.bind(joints)
-    return (
-        _ranges(bound.qposadr, _QPOS_WIDTHS[bound.type]),
-        _ranges(bound.dofadr, _QVEL_WIDTHS[bound.type]),
-    )
+    return _ranges(bound.qposadr, _QPOS_WIDTHS[bound.type]), _ranges(bound.dofadr, _QVEL_WIDTHS[bound.type])
 
 
 def _ranges(starts: NDArray[np.int64], widths: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -53,11 +49,9 @@ class JointState(observable.Observable):
     """Positions or velocities of some joints, joint by joint: copies, at the cost of one array index."""
 
     def __init__(self, field: str, joints: Callable[[], Sequence[mjcf.Element]]) -> None:
-        """Stores what to read.
+        """Stores what to read: the field `qpos` or `qvel` of the joints that `joints` returns.
 
-        Args:
-          field: `qpos` or `qvel`.
-          joints: returns the joints; called after a model was compiled, since attaching may give an entity joints.
+        It is called after a model was compiled, since attaching may give an entity joints.
         """
         super().__init__(update_interval=1, buffer_size=None, delay=None, aggregator=None, corruptor=None)
         self._field, self._joints = field, joints

@@ -14,9 +14,6 @@ from kitchen_suite.entities.joints import joint_types
 
 Elements = tuple[mjcf.Element, ...]
 
-# Number of positions of a free joint.
-_FREE = 7
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ParameterType:
@@ -44,14 +41,11 @@ class ParameterType:
 
     def checked(self, value: Any, name: str) -> NDArray[np.float64]:
         """Returns a value as an array; raises a TypeError or ValueError, which begins with `name`, if it is refused."""
-        if not self.shape:
-            return self._checked_number(value, name)
-        array = checks.vector(value, self.shape[0], name)
-        if self.non_negative and (array < 0).any():
-            raise ValueError(f"{name} must be finite and non-negative, got {checks.shown(value)}")
-        return array
-
-    def _checked_number(self, value: Any, name: str) -> NDArray[np.float64]:
+        if self.shape:
+            array = checks.vector(value, self.shape[0], name)
+            if self.non_negative and (array < 0).any():
+                raise ValueError(f"{name} must be finite and non-negative, got {checks.shown(value)}")
+            return array
         array = checks.array_of(value, name)
         if array.shape:
             raise ValueError(f"{name} must be one number, got {checks.shown(value)}")
@@ -124,16 +118,6 @@ def built_position(frame: mjcf.Element) -> NDArray[np.float64]:
     return np.zeros(3) if frame.pos is None else frame.pos
 
 
-def _read_offset(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
-    (frame,) = elements
-    return physics.bind(frame).pos - built_position(frame)
-
-
-def _write_offset(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
-    (frame,) = elements
-    physics.bind(frame).pos = built_position(frame) + value
-
-
 def _read_yaw(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
     w, _, _, z = physics.bind(elements[0]).quat
     return 2 * np.arctan2(z, w)
@@ -160,7 +144,12 @@ def _write_sliding_friction(physics: mjcf.Physics, geoms: Elements, value: NDArr
 
 
 # Translation from the built position, in the frame of the parent.
-POSITION_OFFSET = ParameterType(read=_read_offset, write=_write_offset, model_fields=("body_pos",), shape=(3,))
+POSITION_OFFSET = ParameterType(
+    read=lambda physics, frames: physics.bind(frames[0]).pos - built_position(frames[0]),
+    write=lambda physics, frames, value: setattr(physics.bind(frames[0]), "pos", built_position(frames[0]) + value),
+    model_fields=("body_pos",),
+    shape=(3,),
+)
 
 # Rotation about the z axis of the parent.
 YAW = ParameterType(read=_read_yaw, write=_write_yaw, model_fields=("body_quat",))
@@ -180,13 +169,10 @@ SLIDING_FRICTION = ParameterType(
 def displacement(
     name: str, joints: Sequence[mjcf.Element], *, followers: Sequence[mjcf.Element] = (), ratio: float = 0.0
 ) -> Parameter:
-    """Returns the displacement of slides or hinges from where an episode starts: a number, or one for each joint.
+    """Returns the displacement of all slides or all hinges from where an episode starts: a number, or one for each.
 
-    Args:
-      name: of the parameter.
-      joints: that are displaced; all slides, or all hinges.
-      followers: joints that an equality constraint couples to these, one by one.
-      ratio: displacement of a follower for one unit of its joint's.
+    An equality constraint couples followers to these joints one by one; `ratio` is the displacement of a follower for
+    one unit of its joint's.
     """
     count = len(joints)
     shape = () if count == 1 else (count,)
@@ -207,7 +193,7 @@ def _displace_freely(physics: mjcf.Physics, elements: Elements, value: NDArray[n
     (joint,) = elements
     x, y, yaw = value
     start = int(physics.bind(joint).qposadr)
-    position, quaternion = np.split(physics.data.ptr.qpos[start : start + _FREE], [3])
+    position, quaternion = np.split(physics.data.ptr.qpos[start : start + 7], [3])
     position[:2] += x, y
     if yaw:
         rotation = np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])

@@ -55,11 +55,9 @@ class KitchenProp(Prop):
     movable = False
 
     def _build(self, *, visuals: bool = True, name: str | None = None) -> None:
-        """Loads the prop's MJCF.
+        """Loads the prop's MJCF; `name`, its own when omitted, is the prefix of the prop's elements in a scene.
 
-        Args:
-          visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
-          name: prefix of the prop's elements in a scene; its own name when omitted.
+        Without `visuals` it has no visual geoms; the physics stays the same to the bit.
         """
         self._mjcf_root = assets.load_mjcf(self.xml_name, visuals=visuals)
         self._mjcf_root.model = name or self.xml_name
@@ -94,14 +92,8 @@ class Oven(KitchenProp):
 
     xml_name = "oven"
     joint_names = (
-        "knob_Joint_1",
-        "bottom_right_burner",
-        "knob_Joint_2",
-        "bottom_left_burner",
-        "knob_Joint_3",
-        "top_right_burner",
-        "knob_Joint_4",
-        "top_left_burner",
+        *("knob_Joint_1", "bottom_right_burner", "knob_Joint_2", "bottom_left_burner"),
+        *("knob_Joint_3", "top_right_burner", "knob_Joint_4", "top_left_burner"),
     )
 
     @property
@@ -177,14 +169,12 @@ BURNER_DISPLACEMENTS = np.array([(0.0, 0.0, 0.0), (0.446, 0.0, 0.0), (0.444, 0.4
 
 
 def _read_burner(physics: mjcf.Physics, joints: Elements) -> ArrayLike:
-    """Returns the number of the burner nearest to the object."""
     (joint,) = joints
     moved = physics.bind(joint).qpos[:3] - built_position(joint.parent)
     return np.argmin(np.linalg.norm(BURNER_DISPLACEMENTS - moved, axis=1))
 
 
 def _write_burner(physics: mjcf.Physics, joints: Elements, value: NDArray[np.float64]) -> None:
-    """Moves an object that stands on the first burner to another one."""
     (joint,) = joints
     physics.bind(joint).qpos[:3] += BURNER_DISPLACEMENTS[int(value)]
 

@@ -10,7 +10,7 @@ from dm_control import composer, mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import appearance, assets, viewpoints
+from kitchen_suite.entities import appearance, assets
 from kitchen_suite.entities import props as kitchen_props
 from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
@@ -72,11 +72,9 @@ class SiteArena(assets.NamedEntity, composer.Arena):
     physics: str = EXACT
 
     def _build(self, *, visuals: bool = True, name: str | None = None) -> None:
-        """Loads the arena's MJCF.
+        """Loads the arena's MJCF; the model's `name` is the arena's own when omitted.
 
-        Args:
-          visuals: `False` leaves out visual geoms, materials and textures; the physics stays the same to the bit.
-          name: name of the model.
+        Without `visuals` it has no visual geoms, materials and textures; the physics stays the same to the bit.
         """
         self._mjcf_root = assets.load_mjcf(self.xml_name, visuals=visuals)
         self._mjcf_root.model = name or self.default_name
@@ -88,7 +86,7 @@ class SiteArena(assets.NamedEntity, composer.Arena):
         geoms = [geom for geom in root.find_all("geom") if not assets.is_visual(geom)]
         friction = scale(f"{root.model}/friction_scale", SLIDING_FRICTION_SCALE, geoms)
         surfaces = (parameter for surface in self.surfaces for parameter in surface.parameters)
-        return (friction, *surfaces, *viewpoints.light_parameters(root), *viewpoints.camera_parameters(root))
+        return (friction, *surfaces, *appearance.light_parameters(root), *appearance.camera_parameters(root))
 
     def enable_sleep(self) -> None:
         """Lets MuJoCo put objects at rest to sleep; never the robot, which has actuators.
@@ -100,12 +98,7 @@ class SiteArena(assets.NamedEntity, composer.Arena):
         self._mjcf_root.option.sleep_tolerance = _SLEEP_TOLERANCE
 
     def attach_at_site(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
-        """Attaches an entity at the arena's site of the same name, and returns the attachment frame.
-
-        Args:
-          entity: entity whose model has the name of a site.
-          free: whether to add a free joint.
-        """
+        """Attaches an entity at the site with its model's name, perhaps with a free joint; returns the frame."""
         name = entity.mjcf_model.model
         sites = {site.name: site for site in self._mjcf_root.find_all("site", exclude_attachments=True)}
         if name not in sites:
@@ -200,8 +193,8 @@ class Scene:
     def elements(self, prop: str, names: Sequence[str] | None = None) -> NDArray[np.int64]:
         """Returns the indices `(k,)` of the positions of some joints among the object positions; see `joints`."""
         observed, wanted = self.object_joints, self.joints(prop, names)
-        elements = np.split(np.arange(sum(position_sizes(observed))), np.cumsum(position_sizes(observed))[:-1])
-        by_joint = dict(zip(observed, elements, strict=True))
+        sizes = position_sizes(observed)
+        by_joint = dict(zip(observed, np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1]), strict=True))
         return np.concatenate([by_joint[joint] for joint in wanted])
 
 
@@ -316,8 +309,7 @@ class MicrowaveTableArena(SiteArena):
 def build_microwave_table_scene(*, visuals: bool = True) -> Scene:
     """Builds the scene of the microwave_table domain: the Panda, in its own joint convention, before the microwave.
 
-    Args:
-      visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
+    Without `visuals`, that is without visual geoms, it is faster; trajectories are the same to the bit.
     """
     arena, robot = MicrowaveTableArena(visuals=visuals), Franka(PANDA, visuals=visuals)
     return Scene.furnish(arena, robot, [Microwave(visuals=visuals)])
@@ -343,11 +335,9 @@ class OpenCabinetScene(Scene):
 
 
 def build_open_cabinet_scene(cabinet_config: CabinetConfig | None = None, *, visuals: bool = True) -> OpenCabinetScene:
-    """Builds the scene of the open_cabinet domain.
+    """Builds the scene of the open_cabinet domain, with given sizes and resistances of the cabinet, or the default.
 
-    Args:
-      cabinet_config: sizes and resistances of the cabinet; the default cabinet when omitted.
-      visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
+    Without `visuals`, that is without visual geoms, it is faster; trajectories are the same to the bit.
     """
     if not isinstance(cabinet_config, CabinetConfig | None):
         raise TypeError(f"cabinet_config must be a CabinetConfig, got {checks.shown(cabinet_config)}")

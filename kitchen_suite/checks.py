@@ -24,28 +24,19 @@ from numpy.typing import ArrayLike, NDArray
 MAX_ENVS = 2**16
 MAX_THREADS = 2**10
 
-# The suite as pip finds it: the checkout that pip runs in, until a release is on a package index.
-_REQUIREMENT = "."
-
 # Names in other libraries of what the suite calls otherwise.
 _SYNONYMS = {"seed": "random", "controller": "control_mode", "horizon": "max_episode_steps", "resolution": "image_size"}
 
 _MAX_SHOWN = 200  # Characters of a value in a message.
 _SHORTENED = " (shortened) "  # In place of the middle of a longer one.
 
-# Elements of a collection, and levels of nesting, that a message repeats.
-_MAX_ELEMENTS, _MAX_LEVELS = 12, 4
-
+# Of a value, a message repeats four levels of nesting, and twelve elements of a collection.
 _representation = reprlib.Repr()
-_representation.maxlevel = _MAX_LEVELS
+_representation.maxlevel = 4
 for _kind in ("string", "long", "other"):
     setattr(_representation, f"max{_kind}", _MAX_SHOWN)
 for _kind in ("array", "deque", "dict", "frozenset", "list", "set", "tuple"):
-    setattr(_representation, f"max{_kind}", _MAX_ELEMENTS)
-
-
-# Characters of a list of choices.
-_MAX_CHOICES = 800
+    setattr(_representation, f"max{_kind}", 12)
 
 
 def shown(value: object) -> str:
@@ -88,14 +79,12 @@ def installed(packages: Iterable[str], what: str, extra: str) -> None:
 
 def install_command(extra: str) -> str:
     """Returns the pip command that installs an extra."""
-    return f"pip install '{_REQUIREMENT}[{extra}]'"
+    # Of the checkout that pip runs in, until a release is on a package index.
+    return f"pip install '.[{extra}]'"
 
 
 def imported(name: str, what: str) -> Any:
-    """Returns the object that `module:name` names; modules are also looked for in the working directory.
-
-    The ValueError of one that cannot be imported calls it `what`.
-    """
+    """Returns the object `module:name`, also from the working directory; the ValueError of no such one names `what`."""
     # Unlike `python -m`, console scripts do not look there. Last, so that it hides no installed module.
     if (directory := str(Path.cwd())) not in sys.path:
         sys.path.append(directory)
@@ -110,35 +99,28 @@ def _hint(value: object, choices: Collection[str]) -> str:
     """Returns the end of an error that suggests the nearest choice and lists all, or the ends of a long list."""
     near = nearest(value, choices) if isinstance(value, str) else None
     meant = f" (did you mean {near!r}?)" if near else ""
-    return f"{meant}; choose from {shortened(str(sorted(choices)), _MAX_CHOICES)}"
+    return f"{meant}; choose from {shortened(str(sorted(choices)), 800)}"
 
 
 def nearest(value: str, choices: Collection[str]) -> str | None:
-    """Returns the choice that is probably meant: a synonym, one that ends with the value, or one spelt like it.
-
-    Returns None if there is none.
-    """
+    """Returns the choice probably meant, if any: a synonym, one that ends with the value, or one spelt like it."""
     value = value[:_MAX_SHOWN]
     if synonym := _SYNONYMS.get(value):
         return synonym if synonym in choices else None
-    near = [choice for choice in sorted(choices, key=len) if choice.endswith(tuple(f"{mark}{value}" for mark in "/_ "))]
+    ends = tuple(f"{mark}{value}" for mark in "/_ ")
+    near = [choice for choice in sorted(choices, key=len) if choice.endswith(ends)]
     return next(iter((*near, *_spelt_like(value, choices))), None)
 
 
 def _spelt_like(value: str, choices: Collection[str]) -> list[str]:
-    """Returns the choices that are spelt most like a value."""
     spellings = (value.replace("_", " "), value)
     return [match for spelling in spellings for match in difflib.get_close_matches(spelling, choices, n=1)]
 
 
 def keywords(names: Iterable[object], *functions: Callable[..., Any], what: str, exclude: Collection[str] = ()) -> None:
-    """Raises a TypeError unless functions have keyword arguments of given names.
+    """Raises a TypeError unless each name is a keyword argument of one of the functions, or classes.
 
-    Args:
-      names: of the arguments.
-      *functions: functions, or classes, that share the arguments among them.
-      what: kind of the arguments, for the message.
-      exclude: arguments of the functions that are set otherwise.
+    `what` is the kind of the arguments, for the message; `exclude` are arguments that are set otherwise.
     """
     parameters = [parameter for function in functions for parameter in inspect.signature(function).parameters.values()]
     by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
@@ -152,19 +134,16 @@ def number(value: object, name: str, *, positive: bool = False, maximum: float =
     """Returns `value` as a float if it is a finite number from 0, or above 0 if `positive`, to `maximum`."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
         raise TypeError(f"{name} must be a number, got {shown(value)}")
-    if not _is_finite(value) or value < 0 or (positive and value == 0):
+    try:
+        is_finite = math.isfinite(value)
+    except OverflowError:  # An int beyond all floats.
+        is_finite = False
+    if not is_finite or value < 0 or (positive and value == 0):
         kind = "positive" if positive else "non-negative"
         raise ValueError(f"{name} must be finite and {kind}, got {shown(value)}")
     if float(value) > maximum:
         raise ValueError(f"{name} must be at most {maximum:g}, got {shown(value)}")
     return float(value)
-
-
-def _is_finite(value: numbers.Real) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # An int beyond all floats.
-        return False
 
 
 def integer(value: object, name: str, *, minimum: int, maximum: int | None = None) -> int:
@@ -189,12 +168,7 @@ def reset_options(value: object, names: Collection[str], *, elsewhere: Collectio
     """Returns those options of a reset that are among `names`; an empty dict for None.
 
     Other options are left out without an error, since libraries pass options of their own, unless they are spelt much
-    like one of the suite's.
-
-    Args:
-      value: the options.
-      names: of the options that the environment has.
-      elsewhere: names of options that other environments of the suite have, which are refused.
+    like one of the suite's: of `names`, or of those `elsewhere`, which other environments of the suite have.
     """
     if value is not None and not isinstance(value, Mapping):
         raise TypeError(f"options must be a dict, got {shown(value)}")
@@ -245,10 +219,7 @@ def array_of(value: object, name: str) -> NDArray:
 def matching(value: object, template: Any, name: str) -> Any:
     """Returns a copy of `value` if it has the keys and strings of `template`, and arrays of the same shapes.
 
-    Args:
-      value: nested dicts of strings and arrays.
-      template: nested dicts of strings and arrays; a number counts as an array of shape `()`.
-      name: name of `value`, for messages.
+    Both are nested dicts of strings and arrays; a number counts as an array of shape `()`.
     """
     if isinstance(template, Mapping):
         if not isinstance(value, Mapping):

@@ -34,8 +34,6 @@ _SIMULATING = ("dm-control", "mujoco", "numpy")
 # Episodes of random actions that are digested, and their control steps.
 _EPISODES, _STEPS = 5, 30
 
-_WIDTH = 28
-
 _MISSING = "not installed"
 _DIFFERS = "DIFFERS from that known for this kind of processor"
 
@@ -48,9 +46,8 @@ def circumstances() -> dict[str, str]:
 def digests() -> Iterator[tuple[str, str]]:
     """Yields domain and physics, such as `kitchen fast`, and the digest of some episodes of random actions there."""
     for domain in suite.DOMAINS:
-        yield f"{domain} {EXACT}", _digest(domain, EXACT)
-        if _has_fast_physics(domain):
-            yield f"{domain} {FAST}", _digest(domain, FAST)
+        for physics in (EXACT, FAST) if _has_fast_physics(domain) else (EXACT,):
+            yield f"{domain} {physics}", _digest(domain, physics)
 
 
 def _has_fast_physics(domain: str) -> bool:
@@ -59,8 +56,7 @@ def _has_fast_physics(domain: str) -> bool:
 
 
 def _environments(domain: str, physics: str) -> EnvironmentSpec:
-    kwargs = {"physics": physics}
-    return EnvironmentSpec.make(domain_name=domain, task_name=None, task_kwargs=kwargs, max_episode_steps=_STEPS)
+    return EnvironmentSpec.make(domain, None, {"physics": physics}, _STEPS)
 
 
 def _digest(domain: str, physics: str) -> str:
@@ -117,7 +113,7 @@ def _verdict(digest: str, known: str | None) -> str:
 
 
 def _print_fact(name: str, fact: str) -> None:
-    print_line(f"{name:<{_WIDTH}} {fact}")
+    print_line(f"{name:<28} {fact}")
 
 
 def _facts() -> dict[str, str]:
@@ -135,7 +131,6 @@ def _facts() -> dict[str, str]:
 
 
 def _gl() -> str:
-    """Returns which library renders, or why none does."""
     try:
         return f"{gl.find_library()} renders"
     except OSError as error:
@@ -154,20 +149,15 @@ def _version(package: str) -> str:
 
 
 def _extras() -> dict[str, str]:
-    """Returns whether the packages of each extra are installed."""
+    requirements: list[str] = []
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+        requirements = importlib.metadata.requires("kitchen-suite") or []
     needed: dict[str, list[str]] = {}
-    for requirement in _requirements():
+    for requirement in requirements:
         package, extra = re.match(r"[\w.-]+", requirement), re.search(r"extra == ['\"]([\w-]+)", requirement)
         if package and extra and package[0] != "kitchen-suite":
             needed.setdefault(extra[1], []).append(package[0])
     return {extra: _installed(packages) for extra, packages in needed.items()}
-
-
-def _requirements() -> list[str]:
-    try:
-        return importlib.metadata.requires("kitchen-suite") or []
-    except importlib.metadata.PackageNotFoundError:
-        return []
 
 
 def _installed(packages: list[str]) -> str:

@@ -30,18 +30,11 @@ T = TypeVar("T")
 MAX_ARRAY_BYTES = 512 * 2**20
 _MAX_JSON_BYTES = 16 * 2**20
 
-# Methods of zip by which parts can be read alone, and the greatest part [bytes]: the sizes in the archive may be wrong.
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_PIECE = 2**20
-
 # Levels of arrays and objects in JSON that is read; what the suite writes has fewer than ten.
 _MAX_JSON_DEPTH = 64
 
 # Names of unfinished files and folders: machine, process, random number, and the name when finished.
 _PARTIAL = re.compile(r"\.kitchen-suite\.(?P<machine>[^.]+)\.(?P<process>\d{1,7})\.[0-9a-f]{8}\..+")
-
-# File systems without hard links refuse them with one of these.
-_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK)
 
 
 @contextlib.contextmanager
@@ -56,18 +49,16 @@ def atomic_write(path: Path) -> Iterator[Path]:
 def atomic_create(path: Path) -> Iterator[Path]:
     """Yields a temporary path as `atomic_write` does; of several processes that create one file, one succeeds.
 
-    On a file system without hard links, a process that is killed at the very end leaves an empty file, to be removed by
-    hand.
-
-    Raises:
-      FileExistsError: the file exists at the end.
+    Raises a FileExistsError if the file exists at the end. On a file system without hard links, a process that is
+    killed at the very end leaves an empty file, to be removed by hand.
     """
     with _partial(path) as partial:
         yield partial
         try:
             os.link(partial, path)
         except OSError as error:
-            if error.errno not in _NO_LINKS:
+            # File systems without hard links refuse them with one of these.
+            if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK):
                 raise
             os.close(os.open(path, os.O_CREAT | os.O_EXCL))
             os.replace(partial, path)
@@ -77,8 +68,7 @@ def atomic_create(path: Path) -> Iterator[Path]:
 def atomic_folder(path: Path) -> Iterator[Path]:
     """Yields the path of a folder to make, which is renamed to `path` unless an exception is raised.
 
-    Raises:
-      OSError: there is something at `path` at the end, an empty folder excepted.
+    Raises an OSError if there is something at `path` at the end, an empty folder excepted.
     """
     with temporary_folder(path) as partial:
         yield partial
@@ -87,10 +77,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
-    """Yields the hidden path of a folder to make beside `path`; the folder is removed if it is still there at the end.
-
-    Folders that killed processes have left there are removed first.
-    """
+    """Yields a hidden path beside `path` for a folder, removed at the end, as those that killed processes have left."""
     path = path.absolute()
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_stale_partials(path.parent)
@@ -105,11 +92,8 @@ def temporary_folder(path: Path) -> Iterator[Path]:
 class DescribedFolder:
     """A kind of folder with a description of its contents as JSON; nothing of another description is added to them.
 
-    Attributes:
-      file: name of the description's file.
-      kind: contents in words, with the article.
-      contents: pattern of the names of what is described.
-      remedy: advice where such a folder exists already.
+    `file` is the name of the description's file, `contents` a pattern of the names of what is described. In messages,
+    `kind` are the contents with the article, and `remedy` is the advice where such a folder exists already.
     """
 
     file: str
@@ -120,9 +104,7 @@ class DescribedFolder:
     def create(self, folder: Path, description: Mapping[str, Any]) -> None:
         """Makes a folder without contents; of several processes that do so at the same time, one succeeds.
 
-        Raises:
-          FileExistsError: it has a description or contents already.
-          OSError: it cannot be made or written to.
+        Raises a FileExistsError if it has a description or contents already, an OSError if it cannot be written to.
         """
         folder.mkdir(parents=True, exist_ok=True)
         check_writable(folder)
@@ -130,7 +112,7 @@ class DescribedFolder:
             with atomic_create(folder / self.file) as partial:
                 if any(folder.glob(self.contents)):
                     raise FileExistsError
-                partial.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+                write_json(partial, description)
         except FileExistsError as error:
             raise FileExistsError(f"{folder} holds {self.kind} already: {self.remedy}") from error
 
@@ -142,10 +124,7 @@ class DescribedFolder:
         return load_json(path, f"the description of {self.kind}")
 
     def resume(self, folder: Path, present: Any, wanted: Mapping[str, Any]) -> None:
-        """Prepares a folder to be added to: removes unfinished files.
-
-        Raises a ValueError if its `present` description differs from the `wanted` one.
-        """
+        """Removes unfinished files of a folder; a ValueError if its `present` description is not the `wanted` one."""
         check_writable(folder)
         if found := first_difference(present, wanted):
             raise ValueError(f"{folder} holds {self.kind} with {found}: name another folder")
@@ -200,10 +179,8 @@ def _machine() -> str:
 def _is_running(process: int) -> bool:
     try:
         os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
+    except OSError as error:
+        return not isinstance(error, ProcessLookupError)
     return True
 
 
@@ -243,7 +220,7 @@ def cache_folder() -> Path | None:
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Path:
     """Writes a compressed npz of `arrays` and, as a string of JSON, `metadata`; returns the file."""
-    packed = pack_arrays({**arrays, "metadata": as_text_array(metadata)})
+    packed = pack_arrays({**arrays, "metadata": np.array(json.dumps(metadata))})
     with atomic_write(path) as partial:
         partial.write_bytes(packed)
     return path
@@ -264,10 +241,7 @@ def pack_arrays(arrays: Mapping[str, NDArray]) -> bytes:
 
 
 def load_arrays(path: Path, what: str, max_bytes: int = MAX_ARRAY_BYTES) -> tuple[dict[str, NDArray], dict[str, Any]]:
-    """Returns the arrays and the metadata that `save_arrays` wrote.
-
-    Raises an OSError unless the file holds `what`, in arrays of at most `max_bytes` together.
-    """
+    """Returns what `save_arrays` wrote; an OSError unless it is `what`, in arrays of at most `max_bytes` together."""
     with reading(path, what):
         arrays = unpack_arrays(path, max_bytes)
         return arrays, as_metadata(arrays.pop("metadata"))
@@ -294,11 +268,21 @@ def load_json(path: Path, what: str) -> Any:
         return parse_json(path.read_bytes())
 
 
-def parse_json(text: str | bytes) -> Any:
-    """Decodes JSON, which in bytes is UTF-8.
+def load_record(path: Path, kind: type[T], what: str) -> T:
+    """Returns a dataclass of the contents of a JSON file; raises an OSError unless they describe `what`."""
+    try:
+        return parse(load_json(path, what), kind, f"{path} does not describe {what}")
+    except ValueError as error:
+        raise OSError(str(error)) from error
 
-    Raises a ValueError if it is not JSON, larger than 16 MiB, or nested deeper than 64 levels.
-    """
+
+def write_json(path: Path, value: Any, indent: int = 2) -> None:
+    """Writes a JSON file in UTF-8, which ends with a newline."""
+    path.write_text(json.dumps(value, indent=indent) + "\n", encoding="utf-8")
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Decodes JSON, in bytes of UTF-8; raises a ValueError if it is none, above 16 MiB, or deeper than 64 levels."""
     if len(text) > _MAX_JSON_BYTES:
         raise ValueError(f"larger than {_MAX_JSON_BYTES / 2**20:.0f} MiB")
     deep = f"nested deeper than {_MAX_JSON_DEPTH} levels"
@@ -312,7 +296,6 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def _is_deeper(value: Any, levels: int) -> bool:
-    """Returns whether decoded JSON is nested deeper than a number of levels."""
     if not isinstance(value, dict | list):
         return False
     inner = value.values() if isinstance(value, dict) else value
@@ -371,21 +354,17 @@ def check_size(size: int, limit: int) -> None:
 
 def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray:
     """Returns an array of an npz file, whose size has to be what its header says."""
-    if archive.getinfo(name).compress_type not in _METHODS:
+    # By these methods parts can be read alone, of a MiB at most: the sizes in the archive may be wrong.
+    if archive.getinfo(name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{name} is compressed by an unknown method")
     with archive.open(name) as member:
         version = np.lib.format.read_magic(member)
         read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, is_fortran, dtype = read_header(member)
-        data = bytearray(b"".join(iter(functools.partial(member.read, _PIECE), b"")))
+        data = bytearray(b"".join(iter(functools.partial(member.read, 2**20), b"")))
     if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data):
         raise ValueError(f"{name} does not hold the array that its header declares")
     return np.ndarray(shape, dtype, data, order="F" if is_fortran else "C")
-
-
-def as_text_array(metadata: Mapping[str, Any]) -> NDArray:
-    """Returns an array of one string, the JSON of metadata."""
-    return np.array(json.dumps(metadata))
 
 
 def as_metadata(array: NDArray) -> dict[str, Any]:

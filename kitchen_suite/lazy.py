@@ -8,13 +8,10 @@ from typing import Any
 def attributes(
     module: str, public: Iterable[str], values: Mapping[str, str | Callable[[], Any]]
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Returns the functions `__getattr__` and `__dir__` of a module.
+    """Returns the functions `__getattr__` and `__dir__` of a module, which offers `public` names to tab completion.
 
-    Args:
-      module: its name.
-      public: all names that tab completion offers.
-      values: by name, the entry point of an object or module, `package.module:object` or `package.module:`, or a
-        function without arguments that returns the value.
+    `values` are by name the entry point of an object or module, `package.module:object` or `package.module:`, or a
+    function without arguments that returns the value.
     """
 
     def get(name: str) -> Any:

@@ -1,15 +1,7 @@
 """Names of the kitchen's tasks, which its tables of goals, starts, skills and policies have as keys."""
 
 # The seven of FrankaKitchen-v1, in its order.
-DEFAULT_TASKS = (
-    "bottom burner",
-    "top burner",
-    "light switch",
-    "slide cabinet",
-    "hinge cabinet",
-    "microwave",
-    "kettle",
-)
+DEFAULT_TASKS = ("bottom burner", "top burner", "light switch", "slide cabinet", "hinge cabinet", "microwave", "kettle")
 
 # Those that put a prop back, each with the task that it undoes.
 REVERSES = {

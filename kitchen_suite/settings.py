@@ -37,12 +37,9 @@ _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Flag:
-    """The help of a flag, and the values that it accepts.
+    """The help of a flag, one or two sentences without the default, and the values that it accepts.
 
     Attributes:
-      help: one or two sentences, without the default.
-      minimum: least value of a number.
-      maximum: greatest value of a number.
       choices: values of a string; any when empty.
       unset: what applies without the flag, where it has no default; or a function that returns it for the help.
       check: raises a ValueError for a value that is refused.
@@ -95,12 +92,7 @@ control_mode_flag = functools.partial(
     "Meaning of the action, such as joint_position or ee_delta_pose; see docs/guide/control_modes.md.",
     unset="the domain's",
 )
-physics_flag = functools.partial(
-    flag,
-    "exact, or fast: longer steps, for training.",
-    choices=PHYSICS,
-    unset=EXACT,
-)
+physics_flag = functools.partial(flag, "exact, or fast: longer steps, for training.", choices=PHYSICS, unset=EXACT)
 variations_flag = functools.partial(
     flag,
     "Groups of parameters that vary from episode to episode, such as start,dynamics; or distributions by parameter, as "
@@ -172,14 +164,10 @@ class TaskSettings:
     @property
     def environment_kwargs(self) -> dict[str, Any]:
         """Arguments of the task's Gymnasium environment; a ValueError if one is given twice, with different values."""
-        variations = None if self.variations is None else parsed_variations(self.variations)
-        chosen = {
-            "physics": self.physics,
-            "control_mode": self.control_mode,
-            "variations": variations,
-            "variation_split": self.variation_split,
-        }
-        given = {name: value for name, value in chosen.items() if value is not None}
+        names = ("physics", "control_mode", "variations", "variation_split")
+        given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        if self.variations is not None:
+            given["variations"] = parsed_variations(self.variations)
         for name, value in given.items():
             if (other := self.task_kwargs.get(name, value)) != value:
                 raise ValueError(f"{name} is {checks.shown(value)}, but {checks.shown(other)} in the task_kwargs")
@@ -295,10 +283,7 @@ class PlaySettings(FilmSettings):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RecordSettings(WorkerSettings):
-    """Settings of `kitchen-record`.
-
-    A preset sets those that have their default: task, policy, episodes and some of the `task_kwargs`.
-    """
+    """Settings of `kitchen-record`; a preset sets task, policy, episodes and some `task_kwargs`, if not given."""
 
     output: Path = output_flag()
     preset: str | None = flag(
@@ -386,10 +371,7 @@ _OF_PROTOCOL = "the protocol's"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EvaluateSettings(TaskSettings, PageSettings):
-    """Settings of `kitchen-evaluate`.
-
-    Those that are None, and `task_kwargs` that are not given, are the protocol's.
-    """
+    """Settings of `kitchen-evaluate`; those that are None, and `task_kwargs` that are not given, are the protocol's."""
 
     protocol: str = flag(
         "Protocol of the evaluation: it sets task, variations, seeds and number of episodes.", "default"
@@ -461,11 +443,9 @@ IMITATION = ("bc", "flow", "vqbet")
 OFFLINE = ("offline_bc", "iql", "idql", "td3bc", "gcbc", "gciql")
 ALGORITHMS = (PPO, *IMITATION, *OFFLINE)
 
-# Values of a `Schedule` by imitation and by offline learning, in every domain.
+# Values of a `Schedule` by imitation and by offline learning; by PPO, unless the domain's training recipe has others.
 _OFFLINE_SCHEDULE = {"num_steps": 40_000, "eval_interval": 10_000, "target_success": 1.1, "patience": 0}
 _IMITATION_SCHEDULE = {"num_steps": 8_000, "eval_interval": 4_000, "target_success": 1.1, "patience": 0}
-
-# Values by PPO, unless the domain's training recipe has others.
 _PPO_SCHEDULE = {"num_steps": 49_000_000, "eval_interval": 500_000, "target_success": 0.99, "patience": 8_000_000}
 
 
@@ -480,19 +460,19 @@ def _by_domain(name: str) -> str:
     return f"{of_ppo}; {others}"
 
 
+def _schedule_flag(name: str, help: str, **accepted: Any) -> Any:
+    return flag(help, None, unset=functools.partial(_by_domain, name), **accepted)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainSettings(TaskSettings):
-    """Settings of `kitchen-train`.
+    """Settings of `kitchen-train`; those that are None are the domain's or the algorithm's, see `schedule`.
 
-    Steps are control steps over all environments, and steps of the optimiser in imitation. Those that are None are the
-    domain's or the algorithm's, see `schedule`.
+    Steps are control steps over all environments, and steps of the optimiser in imitation.
     """
 
     output: Path = output_flag()
-    algorithm: str = flag(
-        "ppo; bc, flow, vqbet; offline_bc, iql, idql, td3bc, gcbc or gciql.",
-        PPO,
-    )
+    algorithm: str = flag("ppo; bc, flow, vqbet; offline_bc, iql, idql, td3bc, gcbc or gciql.", PPO)
     training_kwargs: Mapping[str, Any] = flag(
         "Arguments of the environments trained in, not of those evaluated in, as a JSON object; they replace the "
         "domain's.",
@@ -506,33 +486,21 @@ class TrainSettings(TaskSettings):
         "Episodes to learn from; or a number for each folder.", (), minimum=1, maximum=10**9, unset="all"
     )
     initial_policy: Path | None = flag("File of a trained policy to start from.", None, unset="from scratch")
-    num_steps: int | None = flag(
-        "Control steps of all environments, at most: see --target_success.",
-        None,
-        minimum=0,
-        maximum=_MAX_STEPS,
-        unset=functools.partial(_by_domain, "num_steps"),
+    num_steps: int | None = _schedule_flag(
+        "num_steps", "Control steps of all environments, at most: see --target_success.", minimum=0, maximum=_MAX_STEPS
     )
-    eval_interval: int | None = flag(
-        "Control steps between evaluations and checkpoints.",
-        None,
-        minimum=1,
-        maximum=_MAX_STEPS,
-        unset=functools.partial(_by_domain, "eval_interval"),
+    eval_interval: int | None = _schedule_flag(
+        "eval_interval", "Control steps between evaluations and checkpoints.", minimum=1, maximum=_MAX_STEPS
     )
     eval_episodes: int = flag("Episodes of an evaluation, on seeds held out.", 100, minimum=1, maximum=checks.MAX_ENVS)
-    target_success: float | None = flag(
-        "Success rate of two evaluations in a row that ends training; above 1: never.",
-        None,
-        minimum=0,
-        unset=functools.partial(_by_domain, "target_success"),
+    target_success: float | None = _schedule_flag(
+        "target_success", "Success rate of two evaluations in a row that ends training; above 1: never.", minimum=0
     )
-    patience: int | None = flag(
+    patience: int | None = _schedule_flag(
+        "patience",
         "Control steps without --min_progress after which a seed is given up; 0: never.",
-        None,
         minimum=0,
         maximum=_MAX_STEPS,
-        unset=functools.partial(_by_domain, "patience"),
     )
     min_progress: float = flag("Mean opening [m], or tasks completed, that is progress.", 0.05, minimum=0)
     seed: int = seed_flag(0)

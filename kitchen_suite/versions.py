@@ -14,10 +14,7 @@ PACKAGES = ("dm-control", "gymnasium", "gymnasium-robotics", "mujoco", "numpy")
 
 def installed_versions() -> dict[str, str]:
     """Returns the versions of the suite and of `PACKAGES`, by name."""
-    return {
-        "kitchen-suite": kitchen_suite.__version__,
-        **{name: importlib.metadata.version(name) for name in PACKAGES},
-    }
+    return {"kitchen-suite": kitchen_suite.__version__, **{name: importlib.metadata.version(name) for name in PACKAGES}}
 
 
 def processor() -> str:
@@ -27,9 +24,8 @@ def processor() -> str:
     is a digest of functions of fixed numbers, which extensions such as FMA change.
     """
     numbers = np.random.default_rng(0).uniform(-10.0, 10.0, 4096)
-    scalar = [
-        function(number) for function in (math.sin, math.cos, math.tan, math.exp, math.atan) for number in numbers
-    ]
+    functions = (math.sin, math.cos, math.tan, math.exp, math.atan)
+    scalar = [function(number) for function in functions for number in numbers]
     vectors = [function(numbers) for function in (np.sin, np.cos, np.tan, np.exp, np.arctan)]
     rows = numbers.reshape(-1, 8)
     reductions = [
@@ -43,7 +39,7 @@ def processor() -> str:
 
 
 def machine() -> str:
-    """Returns `processor`, and how linear algebra rounds, whose library has code of its own for each model.
+    """Returns `processor`, and how linear algebra rounds, with a library's own code for each model of processor.
 
     The control modes of the end effector depend on it.
     """

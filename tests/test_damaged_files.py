@@ -33,12 +33,13 @@ from kitchen_suite.evaluation.results import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
 from kitchen_suite.recordings.formats import FolderSource, find_source
-from kitchen_suite.recordings.human_data import ACTION_SIZE, STATE_SIZE, D4RLData, convert
+from kitchen_suite.recordings.human_data import ACTION_SIZE, D4RLData, convert
 from kitchen_suite.recordings.lerobot_dataset import RECORDING_FILE, load_record
 from kitchen_suite.recordings.minari_dataset import MinariSource
 from kitchen_suite.recordings.replay import compare, replay
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
+from kitchen_suite.tasks.kitchen.observation import SIZE as STATE_SIZE
 from kitchen_suite.training import run_folder
 
 # Growth of the process while it reads a damaged file [KiB]; Linux counts so.

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import kitchen_suite
-from kitchen_suite.rollouts.play_job import _DEFAULT_VIDEO
+from kitchen_suite.rollouts.rollout_job import _DEFAULT_VIDEO
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = {"kitchen_suite": "kitchen_suite", "kitchen_suite.entities": "entities", "kitchen_suite.tasks": "tasks"}

@@ -27,7 +27,6 @@ class BenchmarkJob:
     usage_errors: tuple[type[Exception], ...] = ()
 
     def __init__(self, settings: BenchmarkSettings) -> None:
-        """Checks the settings."""
         self._settings = settings
         self._measure = MEASURES[checks.choice(settings.measure, MEASURES, "measure")]
         self._domain = find_cases(settings.domain_name)
@@ -39,7 +38,6 @@ class BenchmarkJob:
             self._num_steps = checks.integer(settings.num_steps, "num_steps", minimum=1)
 
     def run(self) -> bool:
-        """Measures and prints the results; returns True."""
         if not self._settings.json:
             # Not among the results.
             print(f"{command_line(self._settings)} takes minutes", file=sys.stderr, flush=True)
@@ -91,14 +89,9 @@ def versions() -> dict[str, str]:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Measure:
-    """One of the measurements of `kitchen-benchmark`.
+    """One of the measurements of `kitchen-benchmark`: its results, as JSON represents them, and their tables.
 
-    Attributes:
-      run: returns the results of a domain, as JSON represents them, with the settings, numbers of environments and a
-        number of control steps.
-      tables: returns the tables of all results.
-      num_envs: numbers of environments where the settings name none.
-      num_steps: control steps where the settings name none.
+    `num_envs` and `num_steps` are the numbers of environments and of control steps where the settings name none.
     """
 
     run: Callable[[BenchmarkDomain, BenchmarkSettings, Sequence[int], int], dict[str, Any]]
@@ -135,21 +128,17 @@ def speed_tables(results: Mapping[str, Any]) -> list[Table]:
     ]
 
 
-def _statistics(row: Mapping[str, float]) -> tuple[str, ...]:
-    return tuple(f"{row[key]:.2f}" for key in ("ratio", "min", "max"))
+def _statistics(row: Mapping[str, float]) -> list[str]:
+    return [f"{row[key]:.2f}" for key in ("ratio", "min", "max")]
 
 
 def scaling_tables(results: Mapping[str, Any]) -> list[Table]:
     """Returns a table of throughput and memory by number of environments and threads."""
-    rows = [
-        (
-            f"{row['vector_env']}, {row['num_envs']}",
-            str(row["num_threads"]),
-            f"{row['steps_per_second']:.0f}",
-            "" if row["memory"] is None else f"{row['memory']:.2f}",
-        )
-        for row in results["results"]
-    ]
+    rows = []
+    for row in results["results"]:
+        memory = "" if row["memory"] is None else f"{row['memory']:.2f}"
+        name = f"{row['vector_env']}, {row['num_envs']}"
+        rows.append((name, str(row["num_threads"]), f"{row['steps_per_second']:.0f}", memory))
     return [(("environments", "threads", "steps/s", "MiB per environment"), rows)]
 
 

@@ -3,7 +3,7 @@
 import abc
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import gymnasium
 import mujoco
@@ -24,15 +24,15 @@ ADAPTER = "Gymnasium adapter, without visuals"
 
 NUM_THREADS = (1, 2)
 
+Control = Callable[[mujoco.MjData, NDArray[np.float64]], None]
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Case:
     """A simulation or environment whose speed is measured.
 
-    Attributes:
-      episode: runs one episode with actions `(steps, n)`, or `(steps, num_envs, n)` if vectorised.
-      num_envs: number of environments stepped together; 0 if not vectorised.
-      num_threads: number of threads that step them.
+    `episode` runs one episode with actions `(steps, n)`, or `(steps, num_envs, n)` if vectorised; otherwise `num_envs`
+    is 0.
     """
 
     episode: Callable[[NDArray[np.float64]], None]
@@ -43,11 +43,8 @@ class Case:
 class BenchmarkDomain(abc.ABC):
     """Environments of a domain whose speed is measured, and what they are compared with.
 
-    Attributes:
-      domain: of the suite.
-      task_name: one of the domain's tasks.
-      options: arguments of all environments, with which no episode terminates.
-      vector_options: further arguments of the suite's vectorised environments, by the name of each.
+    No episode terminates with the arguments `options` of all environments. `vector_options` are further ones of the
+    suite's vectorised environments, by the name of each.
     """
 
     domain: ClassVar[Domain]
@@ -74,8 +71,7 @@ class BenchmarkDomain(abc.ABC):
 
     def adapter(self, **options: Any) -> SuiteEnv:
         """Builds the Gymnasium environment, without a time limit."""
-        adapter: SuiteEnv = self.domain.resolve("env")(**self.options, **options)
-        return adapter
+        return cast(SuiteEnv, self.domain.resolve("env")(**self.options, **options))
 
     @property
     def vector_names(self) -> tuple[str, ...]:
@@ -83,7 +79,6 @@ class BenchmarkDomain(abc.ABC):
         return tuple(self.vector_options)
 
     def vector_env(self, name: str, num_envs: int, num_threads: int) -> gymnasium.vector.VectorEnv:
-        """Builds one of the vectorised environments."""
         options = {**self.options, **self.vector_options[name]}
         build: Callable[..., gymnasium.vector.VectorEnv] = self.domain.resolve("vector_env")
         return build(num_envs, num_threads=num_threads, max_episode_steps=self.domain.episode_steps, **options)
@@ -112,11 +107,7 @@ class BenchmarkDomain(abc.ABC):
         return {"Gymnasium adapter / suite.load": (ADAPTER, SUITE), "vectorised, two threads / one": (two, one)}
 
     def renderers(self, size: int) -> dict[str, MujocoRenderer]:
-        """Builds renderers of square images by name; the first is the denominator of every renderer's ratio.
-
-        Args:
-          size: width and height [pixels].
-        """
+        """Builds renderers of square images of a size [pixels]; the first is the denominator of every ratio."""
         return suite_renderers(lambda quality: self.load(render_quality=quality), size)
 
 
@@ -131,19 +122,10 @@ def environment_case(environment: Any, *, num_envs: int = 0, num_threads: int = 
     return Case(episode=episode, num_envs=num_envs, num_threads=num_threads)
 
 
-def bare_case(
-    model: mujoco.MjModel,
-    qpos: NDArray[np.float64],
-    substeps: int,
-    control: Callable[[mujoco.MjData, NDArray[np.float64]], None],
-) -> Case:
-    """Returns the case of bare physics steps.
+def bare_case(model: mujoco.MjModel, qpos: NDArray[np.float64], substeps: int, control: Control) -> Case:
+    """Returns the case of bare physics steps, with generalised positions `qpos` at the start.
 
-    Args:
-      model: of the scene.
-      qpos: generalised positions at the start.
-      substeps: physics steps in a control step.
-      control: sets the controls for an action.
+    Each control step takes `substeps` physics steps, after `control` has set the controls for an action.
     """
     data = mujoco.MjData(model)
 

@@ -7,7 +7,7 @@ import contextlib
 import importlib.util
 import warnings
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 from unittest import mock
 
 import gymnasium
@@ -55,9 +55,7 @@ def patched_kitchen_env() -> Iterator[Any]:
         yield kitchen_env
 
 
-def _robot_get_obs(
-    model: mujoco.MjModel, data: mujoco.MjData, names: Any
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _robot_get_obs(model: Any, data: Any, names: Any) -> tuple[NDArray, NDArray]:
     """Returns the robot's joint positions (9,) and velocities (9,), as the helper did."""
     return data.qpos[:9].copy(), data.qvel[:9].copy()
 
@@ -97,13 +95,11 @@ class KitchenBenchmark(BenchmarkDomain):
         }
 
     def _stock_composer_case(self) -> Case:
-        """Builds the case of the suite's task in composer's own environment."""
         task = KitchenTask(build_kitchen_scene(), **self.options)
         settings: dict[str, Any] = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False}
         return environment_case(composer.Environment(task, random_state=0, **settings))
 
     def _original_case(self) -> Case:
-        """Builds the case of Gymnasium-Robotics' environment."""
         with patched_kitchen_env() as kitchen_env:
             case = environment_case(kitchen_env.KitchenEnv(**self.options))
 
@@ -122,10 +118,8 @@ class KitchenBenchmark(BenchmarkDomain):
             return super().vector_env(name, num_envs, num_threads)
         import envpool
 
-        environments: gymnasium.vector.VectorEnv = envpool.make_gymnasium(
-            "FrankaKitchen-v1", num_envs=num_envs, num_threads=num_threads, **self.options
-        )
-        return environments
+        sizes = {"num_envs": num_envs, "num_threads": num_threads}
+        return cast(gymnasium.vector.VectorEnv, envpool.make_gymnasium("FrankaKitchen-v1", **sizes, **self.options))
 
     def ratios(self, num_envs: int) -> dict[str, tuple[str, str]]:
         names = (*self.vector_options, ENVPOOL)
@@ -153,7 +147,6 @@ class KitchenBenchmark(BenchmarkDomain):
 
 
 def _control(data: mujoco.MjData, action: NDArray[np.float64]) -> None:
-    """Sets the controls as the task does."""
     positions = data.qpos[:_ACTION_SIZE]
     data.ctrl[:] = position_target(positions, action, velocity_scale=2.0, timestep=CONTROL_TIMESTEP)
 

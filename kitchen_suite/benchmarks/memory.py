@@ -18,7 +18,6 @@ from kitchen_suite.benchmarks.cases import NUM_THREADS, BenchmarkDomain
 from kitchen_suite.benchmarks.speed import throughput
 from kitchen_suite.rendering import gl
 
-_MEBIBYTE = 2**20
 _SOAK_SAMPLES = 20
 
 # Number of EnvPool's environments that still fit into the memory of common machines.
@@ -28,7 +27,7 @@ _MAX_ENVPOOL = 128
 def resident_memory() -> float:
     """Returns the memory that this process holds in RAM [MiB]; Linux only."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * resource.getpagesize() / _MEBIBYTE
+    return pages * resource.getpagesize() / 2**20
 
 
 def memory_in_use(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
@@ -43,23 +42,14 @@ def memory_in_use(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
 
 
 def memory_per_environment(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
-    """Measures the memory of each environment beyond the first [MiB].
-
-    One environment and `num_envs` of them are built in a new process each.
-    """
-    one, many = (_in_new_process(domain, name, count) for count in (1, num_envs))
-    return (many - one) / (num_envs - 1)
-
-
-def _in_new_process(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
-    executor = concurrent.futures.ProcessPoolExecutor(
-        1,
-        mp_context=multiprocessing.get_context("spawn"),
-        # Before dm_control is imported with the function that is submitted.
-        initializer=functools.partial(gl.prepare, rendering=False),
-    )
-    with executor:
-        return executor.submit(memory_in_use, domain, name, num_envs).result()
+    """Measures the memory of each environment beyond the first [MiB], in new processes with one and all of them."""
+    # Before dm_control is imported with the function that is submitted.
+    prepare = functools.partial(gl.prepare, rendering=False)
+    memory = []
+    for count in (1, num_envs):
+        with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), prepare) as executor:
+            memory.append(executor.submit(memory_in_use, domain, name, count).result())
+    return (memory[1] - memory[0]) / (num_envs - 1)
 
 
 def scaling(domain: BenchmarkDomain, num_envs: Sequence[int], num_steps: int) -> list[dict[str, Any]]:

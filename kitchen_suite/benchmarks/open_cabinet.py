@@ -18,7 +18,6 @@ class EmptyTask(composer.Task):
     """A task without observations or rewards, which only sets controls; its speed is that of composer itself."""
 
     def __init__(self, scene: OpenCabinetScene) -> None:
-        """Sets the task up in a scene."""
         self._scene = scene
         self.set_timesteps(control_timestep=mdp.CONTROL_TIMESTEP, physics_timestep=mdp.PHYSICS_TIMESTEP)
 
@@ -60,7 +59,6 @@ class OpenCabinetBenchmark(BenchmarkDomain):
 
 
 def _control(data: mujoco.MjData, action: NDArray[np.float64]) -> None:
-    """Sets the arm's controls to joint offsets."""
     data.ctrl[_ARM] = data.qpos[_ARM] + action[_ARM]
 
 

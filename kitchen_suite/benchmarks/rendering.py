@@ -58,7 +58,6 @@ class FrameTimer:
         return int(self._model.mesh_facenum[self._model.geom_dataid[drawn]].sum())
 
     def picture(self) -> NDArray[np.uint8]:
-        """Returns an image, as an environment returns it."""
         self._viewer.make_context_current()
         return cast(NDArray[np.uint8], self._renderer.render("rgb_array"))
 

@@ -3,7 +3,7 @@
 import statistics
 import time
 import timeit
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from unittest import mock
 
 import gymnasium
@@ -17,9 +17,6 @@ from kitchen_suite.environment import Environment
 
 # Control steps per second in each round, by name of the case.
 Rates = dict[str, list[float]]
-
-# Control steps that one measurement of the overhead times.
-_OVERHEAD_STEPS = 2_000
 
 
 def measure_rates(domain: BenchmarkDomain, cases: Mapping[str, Case], *, rounds: int, steps: int) -> Rates:
@@ -52,13 +49,9 @@ def episode_rate(case: Case, actions: NDArray[np.float64]) -> float:
     return len(actions) * max(case.num_envs, 1) / (time.perf_counter() - start)
 
 
-def round_ratios(rates: Rates, numerator: str, denominator: str) -> list[float]:
-    """Returns the ratio of two cases' rates in each round."""
-    return [above / below for above, below in zip(rates[numerator], rates[denominator], strict=True)]
-
-
-def statistics_of(ratios: Sequence[float]) -> dict[str, float]:
-    """Returns the median, minimum and maximum of ratios."""
+def round_ratios(rates: Rates, numerator: str, denominator: str) -> dict[str, float]:
+    """Returns median, minimum and maximum of the ratio of two cases' rates in each round."""
+    ratios = [above / below for above, below in zip(rates[numerator], rates[denominator], strict=True)]
     return {"ratio": statistics.median(ratios), "min": min(ratios), "max": max(ratios)}
 
 
@@ -67,7 +60,7 @@ def summarize(rates: Rates, cases: Mapping[str, Case]) -> dict[str, dict[str, fl
     first = next(iter(rates))
     summary = {}
     for name, values in rates.items():
-        ratio = statistics_of(round_ratios(rates, name, first))
+        ratio = round_ratios(rates, name, first)
         per_thread = {"ratio_per_thread": ratio["ratio"] / cases[name].num_threads}
         summary[name] = ratio | per_thread | {"steps_per_second": statistics.median(values)}
     return summary
@@ -75,7 +68,7 @@ def summarize(rates: Rates, cases: Mapping[str, Case]) -> dict[str, dict[str, fl
 
 def named_ratios(rates: Rates, ratios: Mapping[str, tuple[str, str]]) -> dict[str, dict[str, float]]:
     """Returns statistics of named ratios, given as (numerator case, denominator case)."""
-    return {name: statistics_of(round_ratios(rates, *pair)) for name, pair in ratios.items()}
+    return {name: round_ratios(rates, *pair) for name, pair in ratios.items()}
 
 
 def overhead(environment: Environment, adapter: gymnasium.Env, *, repeats: int) -> dict[str, float]:
@@ -99,13 +92,12 @@ def overhead(environment: Environment, adapter: gymnasium.Env, *, repeats: int) 
         "suite.load": lambda: environment.step(action),
         "Gymnasium adapter": lambda: adapter.step(action),
     }
+    calls = 2_000  # Of one measurement.
     with mock.patch.object(mjcf.Physics, "step"):
-        return {name: _minimum_time(step, repeats) for name, step in measured.items()}
-
-
-def _minimum_time(step: Callable[[], object], repeats: int) -> float:
-    """Returns the minimum time of a call [us]."""
-    return 1e6 * min(timeit.repeat(step, number=_OVERHEAD_STEPS, repeat=repeats)) / _OVERHEAD_STEPS
+        return {
+            name: 1e6 * min(timeit.repeat(step, number=calls, repeat=repeats)) / calls
+            for name, step in measured.items()
+        }
 
 
 def throughput(domain: BenchmarkDomain, environments: gymnasium.vector.VectorEnv, *, num_steps: int) -> float:

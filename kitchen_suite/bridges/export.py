@@ -102,13 +102,8 @@ Control mode `{control_mode}`: {meaning}
 {licences}
 """
 
-XML_FILE, BINARY_FILE, STATE_FILE, METADATA_FILE, PAGE_FILE = (
-    "scene.xml",
-    "scene.mjb",
-    "state.npz",
-    "scene.json",
-    "README.md",
-)
+XML_FILE, BINARY_FILE, STATE_FILE = "scene.xml", "scene.mjb", "state.npz"
+METADATA_FILE, PAGE_FILE = "scene.json", "README.md"
 
 # Folder of meshes and textures, beside the XML.
 _ASSETS = "assets"
@@ -154,6 +149,7 @@ class ExportJob:
         self._gymnasium_env = self._spec.make_environment(visuals=True)
         options = {VARIATION_VALUES: dict(settings.variation_values)} if settings.variation_values else None
         reset_to_seed(self._gymnasium_env, settings.seed, "gymnasium", options)
+        self._environment = suite_env(self._gymnasium_env).environment
 
     def progress(self) -> str:
         return "before the folder was complete; nothing was written"
@@ -172,12 +168,7 @@ class ExportJob:
             print(f"{XML_FILE}: {name.removeprefix('xml_').replace('_', ' ')}: {difference}")
         return True
 
-    @property
-    def _environment(self) -> Environment:
-        return suite_env(self._gymnasium_env).environment
-
     def _metadata(self) -> dict[str, Any]:
-        """Returns the contents of the JSON file that describe scene and episode."""
         task, model = self._environment.task, self._environment.physics.model.ptr
         spec = self._spec.as_json()
         values = {name: value.tolist() for name, value in task.variations.values.items()}
@@ -205,17 +196,11 @@ class ExportJob:
 
 
 def write_scene(folder: Path, environment: Environment) -> dict[str, Difference]:
-    """Writes the present scene of an environment: XML with its assets, binary model, state, licences.
+    """Writes the present scene of an environment, after a reset: XML with its assets, binary model, state, licences.
 
-    The environment cannot be used further: values that differ from the built scene are written to its MJCF.
-
-    Args:
-      folder: to write to.
-      environment: after a reset.
-
-    Returns:
-      The greatest differences of the model that the XML compiles to from the environment's, by name: of all fields,
-      and of those that the physics depends on.
+    The environment cannot be used further: values that differ from the built scene are written to its MJCF. Returns the
+    greatest differences of the model that the XML compiles to from the environment's, by name: of all fields, and of
+    those that the physics depends on.
     """
     physics, root = environment.physics, environment.task.root_entity.mjcf_model
     model, data = physics.model.ptr, physics.data.ptr
@@ -229,8 +214,9 @@ def write_scene(folder: Path, environment: Environment) -> dict[str, Difference]
     write_values(root, mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets()), model)
     root.keyframe.add("key", name=_KEYFRAME, qpos=data.qpos, qvel=data.qvel, ctrl=data.ctrl)
     _write_xml(folder, root)
-    for name, text in _licence_texts().items():
-        (folder / name).write_text(text, encoding="utf-8")
+    licences = [path for path in importlib.metadata.files("gymnasium-robotics") or () if path.name == "LICENSE"]
+    for path in licences[:1]:
+        (folder / LICENCE_FILE).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
     assets = {f"{_ASSETS}/{path.name}": path.read_bytes() for path in (folder / _ASSETS).iterdir()}
     compiled = mujoco.MjModel.from_xml_string((folder / XML_FILE).read_text(encoding="utf-8"), assets)
     return {
@@ -252,19 +238,10 @@ def _write_xml(folder: Path, root: Any) -> None:
         (folder / _ASSETS / name).write_bytes(contents if isinstance(contents, bytes) else contents.encode())
 
 
-def _licence_texts() -> dict[str, str]:
-    """Returns the texts of the licences of meshes and textures by file name."""
-    found = importlib.metadata.distribution("gymnasium-robotics").files or ()
-    texts = [path.read_text(encoding="utf-8") for path in found if path.name == "LICENSE"]
-    return {LICENCE_FILE: texts[0]} if texts else {}
-
-
 def _action(mode: Any, spec: specs.Array) -> dict[str, Any]:
     """Returns what the elements of an action are, and how controls follow from them."""
-    names = spec.name.split("\t")
-    unbounded = np.full(spec.shape, None)
-    bounds = [getattr(spec, name, unbounded) for name in ("minimum", "maximum")]
-    elements = zip(names, *(np.broadcast_to(bound, spec.shape).tolist() for bound in bounds), strict=True)
+    bounds = [getattr(spec, name, np.array(None)) for name in ("minimum", "maximum")]
+    elements = zip(spec.name.split("\t"), *(np.broadcast_to(each, spec.shape).tolist() for each in bounds), strict=True)
     return {
         "control_mode": mode.name,
         "meaning": " ".join((type(mode).spec.__doc__ or "").split()),

@@ -3,7 +3,6 @@
 import contextlib
 import queue
 import time
-from collections.abc import Callable
 from typing import Any, SupportsFloat
 
 import dm_env
@@ -12,13 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.bridges.page import HandPanel, Page, Stage
+from kitchen_suite.bridges.page import FIRST_CAMERA, HandPanel, Page, Stage
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.registry import EXPERT_PACKAGES
 from kitchen_suite.rendering.viser_servers import check_extra, local_server
-
-# Camera through which a person looks at first.
-_CAMERA = "overview"
 
 
 class InterventionWrapper(gymnasium.Wrapper):
@@ -31,8 +27,7 @@ class InterventionWrapper(gymnasium.Wrapper):
 
     def __init__(self, env: gymnasium.Env, port: int = 8080) -> None:
         """Serves the page at a port of this machine; raises an ImportError without the extras `web` and `experts`."""
-        check_extra("InterventionWrapper")
-        checks.installed(EXPERT_PACKAGES, "InterventionWrapper", "experts")
+        _check_extras("InterventionWrapper")
         from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 
         super().__init__(env)
@@ -56,7 +51,11 @@ class InterventionWrapper(gymnasium.Wrapper):
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         assert self._timestep is not None
         self._given = np.asarray(action, np.float32)
-        self._follow_commands()
+        _carry_out(self._page, self._policy, wait=0.0)
+        # Where the person acts, until the next step is due.
+        while self._policy.is_persons and (left := self._due - time.monotonic()) > 0.0:
+            _carry_out(self._page, self._policy, wait=left)
+        self._due = time.monotonic() + self._inner.environment.control_timestep()
         if self._page.controlling is None and self._policy.is_persons:
             self._policy.hand_back()
         assert isinstance(self.action_space, gymnasium.spaces.Box)
@@ -71,17 +70,10 @@ class InterventionWrapper(gymnasium.Wrapper):
         self._closing.close()
         super().close()
 
-    def _follow_commands(self) -> None:
-        """Carries out what has been commanded; where the person acts, until the next step is due."""
-        _carry_out(self._page, self._policy, wait=0.0)
-        while self._policy.is_persons and (left := self._due - time.monotonic()) > 0.0:
-            _carry_out(self._page, self._policy, wait=left)
-        self._due = time.monotonic() + self._inner.environment.control_timestep()
-
     def _show(self) -> None:
         physics = self._inner.environment.physics
         if self._stage is None or not self._stage.shows(physics):
-            self._stage = Stage(self._page, physics, _CAMERA, self._policy)
+            self._stage = Stage(self._page, physics, FIRST_CAMERA, self._policy)
         self._stage.update(physics, self._policy)
 
 
@@ -89,6 +81,9 @@ class PageDevice:
     """Buttons and keys in a browser as an input device, with the methods of robosuite's `Device`; for any simulator.
 
     A class that is derived from this one and from `robosuite.devices.Device` is a device of robosuite's.
+
+    Attributes:
+      wants_reset: whether another episode is wanted; whoever has heard it sets it back.
     """
 
     def __init__(self, env: Any = None, pos_sensitivity: float = 1.0, rot_sensitivity: float = 1.0, port: int = 8080):
@@ -100,14 +95,13 @@ class PageDevice:
           rot_sensitivity: factor of turns.
           port: of the page.
         """
-        check_extra("PageDevice")
-        checks.installed(EXPERT_PACKAGES, "PageDevice", "experts")
+        _check_extras("PageDevice")
         if self._is_robosuites:
             super().__init__(env)  # type: ignore[call-arg]
         self.env, self._closing = env, contextlib.ExitStack()
         self._position = checks.number(pos_sensitivity, "pos_sensitivity", positive=True)
         self._rotation = checks.number(rot_sensitivity, "rot_sensitivity", positive=True)
-        self.arm, self._wants_reset = _Commanded(), False
+        self.arm, self.wants_reset = _Commanded(), False
         self._page = Page(self._closing.enter_context(local_server(port, "kitchen-suite")), exclusive=True)
         HandPanel(self._page, hands_back=False)
         self._page.add_button("Reset", lambda device: device.request_reset(), hint="Starts another episode.")
@@ -115,7 +109,7 @@ class PageDevice:
     def start_control(self) -> None:
         """Forgets what has been commanded, for a new episode."""
         _carry_out(self._page, self, wait=0.0)
-        self.arm, self._wants_reset = _Commanded(), False
+        self.arm, self.wants_reset = _Commanded(), False
         if self._is_robosuites:
             self._reset_internal_state()  # type: ignore[attr-defined]
 
@@ -139,7 +133,7 @@ class PageDevice:
             "rotation": self.arm.rotation.as_matrix(),
             "raw_drotation": self._rotation * turn[[1, 0, 2]] * (1.0, 1.0, -1.0),
             "grasp": int(self.arm.is_closed),
-            "reset": int(self._wants_reset),
+            "reset": int(self.wants_reset),
             "base_mode": 0,
         }
 
@@ -149,11 +143,7 @@ class PageDevice:
 
     def request_reset(self) -> None:
         """Says that another episode is wanted."""
-        self._wants_reset = True
-
-    def forget_reset(self) -> None:
-        """Says that this has been heard."""
-        self._wants_reset = False
+        self.wants_reset = True
 
     def hand_back(self) -> None:
         """Does nothing: nobody else acts."""
@@ -169,12 +159,7 @@ class PageDevice:
 
 
 class _Commanded:
-    """Sums up nudges; stands for an arm.
-
-    Attributes:
-      is_closed: whether the fingers are commanded to close.
-      rotation: of all turns.
-    """
+    """Stands for an arm: sums up nudges, with the `rotation` of all turns; `is_closed` if the fingers are to close."""
 
     def __init__(self) -> None:
         import mink
@@ -200,17 +185,19 @@ class _Commanded:
         return taken
 
 
+def _check_extras(what: str) -> None:
+    """Raises an ImportError unless the extras `web` and `experts` are installed."""
+    check_extra(what)
+    checks.installed(EXPERT_PACKAGES, what, "experts")
+
+
 def _carry_out(page: Page, person: Any, *, wait: float) -> None:
     """Carries out the commands that have been given; waits for one for some time [s] if there is none."""
     with contextlib.suppress(queue.Empty):
         command = page.commands.get(timeout=wait) if wait > 0.0 else page.commands.get_nowait()
         while True:
-            _obey(command, person)
+            # A command that cannot be carried out, such as a pose that no arm reaches, is none.
+            with contextlib.suppress(ValueError):
+                if callable(command):
+                    command(person)
             command = page.commands.get_nowait()
-
-
-def _obey(command: str | Callable[[Any], None], person: Any) -> None:
-    if callable(command):
-        # A command that cannot be carried out, such as a pose that no arm reaches, is none.
-        with contextlib.suppress(ValueError):
-            command(person)

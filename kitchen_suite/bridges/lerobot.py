@@ -6,7 +6,7 @@
 import functools
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, overload
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.lerobot_columns import Feature, LeRobotObservations, frames_per_second
+from kitchen_suite.recordings.lerobot_dataset import Feature, LeRobotObservations, frames_per_second
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -36,11 +36,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
     """
 
     def __init__(self, environments: SuiteVectorEnv) -> None:
-        """Adapts environments.
-
-        Args:
-          environments: with autoreset mode `SameStep`, and an observation type of `recordings.formats.LEROBOT`.
-        """
+        """Adapts environments of autoreset mode `SameStep` and an observation type of `recordings.formats.LEROBOT`."""
         vector_checks.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
         self.environments, self.num_envs = environments, environments.num_envs
         self._observations = LeRobotObservations(environments.template_env)
@@ -103,12 +99,7 @@ class RenderedPictures(Sequence[NDArray[np.uint8]]):
     def __len__(self) -> int:
         return self._environments.num_envs
 
-    @overload
-    def __getitem__(self, index: int) -> NDArray[np.uint8]: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[NDArray[np.uint8], ...]: ...
-
-    def __getitem__(self, index: int | slice) -> NDArray[np.uint8] | tuple[NDArray[np.uint8], ...]:
+    def __getitem__(self, index: int | slice) -> Any:
         if isinstance(index, int):
             return self[index : index + 1 or None][0]
         indices = range(len(self))[index]
@@ -120,14 +111,7 @@ class RenderedPictures(Sequence[NDArray[np.uint8]]):
 def make_vector_env(
     spec: EnvironmentSpec, num_envs: int, *, num_threads: int | None = None, **rendering: Any
 ) -> LeRobotVectorEnv:
-    """Makes environments for LeRobot.
-
-    Args:
-      spec: of the environments.
-      num_envs: number of environments.
-      num_threads: number of threads that step them.
-      **rendering: further arguments, such as `render_mode`.
-    """
+    """Makes environments for LeRobot, which threads step; `rendering` are further arguments, such as `render_mode`."""
     quality = {} if "render_quality" in spec.task_kwargs else {"render_quality": "fast"}
     size = {name: value for name, value in _FILM_SIZE.items() if name not in spec.task_kwargs}
     arguments = {**quality, **size, **rendering}

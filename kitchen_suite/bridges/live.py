@@ -1,6 +1,7 @@
 """Episodes in progress, step by step: those of a policy, and those of a person, who can go back and try again."""
 
 import contextlib
+import functools
 import hashlib
 import itertools
 import json
@@ -45,6 +46,7 @@ class LiveEpisode:
     Attributes:
       seed: of the episode.
       spec: of the episodes.
+      timestep: duration of a control step [s].
     """
 
     seed: int
@@ -54,6 +56,7 @@ class LiveEpisode:
         self.spec = spec
         self._rollout = self._make_rollout(render_quality)
         self._environment = suite_env(self._rollout.environment).environment
+        self.timestep = self._environment.control_timestep()
 
     def _make_rollout(self, render_quality: str) -> SingleRollout:
         return SingleRollout(self.spec, visuals=True, render_quality=render_quality)
@@ -62,11 +65,6 @@ class LiveEpisode:
     def physics(self) -> "mjcf.Physics":
         """The physics, another object after a reset that compiles the model again."""
         return self._environment.physics
-
-    @property
-    def timestep(self) -> float:
-        """Duration of a control step [s]."""
-        return self._environment.control_timestep()
 
     @property
     def steps(self) -> int:
@@ -114,10 +112,12 @@ class LiveEpisode:
                 numbers[name.replace("_", " ")] = ("no", "yes")[value] if isinstance(value, bool) else f"{value:.3f}"
         lines = [f"**{task.instruction}**", ""] if task.instruction else []
         if completions := task.episode_completions:
-            steps = completions.steps_by_task
-            lines += [self._task_line(name, step) for name, step in steps.items()]
-            completed = sum(step is not None for step in steps.values())
-            numbers = {"tasks completed": f"{completed} of {len(steps)}", **numbers}
+            steps = {name.replace("_", " "): step for name, step in completions.steps_by_task.items()}
+            done = {name: step * self.timestep for name, step in steps.items() if step is not None}
+            lines += [
+                f"- **{name}**: completed after {done[name]:.1f} s" if name in done else f"- {name}" for name in steps
+            ]
+            numbers = {"tasks completed": f"{len(done)} of {len(steps)}", **numbers}
         numbers |= self._further_numbers()
         return "\n".join([*lines, "", "| | |", "| --- | --- |", *(f"| {key} | {it} |" for key, it in numbers.items())])
 
@@ -127,10 +127,6 @@ class LiveEpisode:
 
     def _further_numbers(self) -> dict[str, str]:
         return {}
-
-    def _task_line(self, name: str, step: int | None) -> str:
-        name = name.replace("_", " ")
-        return f"- {name}" if step is None else f"- **{name}**: completed after {step * self.timestep:.1f} s"
 
 
 class TeleoperatedEpisode(LiveEpisode):
@@ -150,12 +146,9 @@ class TeleoperatedEpisode(LiveEpisode):
     _place: NDArray[np.float64]
 
     def __init__(self, spec: EpisodeSpec, *, unsaved: Path | None = None, render_quality: str = "fast") -> None:
-        """Builds environment and policy.
+        """Builds environment and policy; that of the specification is `teleop`, with options or without.
 
-        Args:
-          spec: of the episodes; its policy is `teleop`, with options or without.
-          unsaved: folder of the copies, which is removed where there is none; None for no copies.
-          render_quality: of the scene.
+        The folder `unsaved` of the copies is removed where there is none; without it there are no copies.
         """
         self._folder: RecordingFolder | None = None
         self._unsaved, self.saved = unsaved, 0
@@ -163,21 +156,13 @@ class TeleoperatedEpisode(LiveEpisode):
         super().__init__(spec, render_quality=render_quality)
 
     def keep_in(self, folder: Path) -> None:
-        """Saves episodes in a folder, with the numbers of their seeds, and copies below it.
-
-        Raises as `RecordingFolder.claim`.
-        """
+        """Saves episodes in a folder by their seeds, and copies below it; raises as `RecordingFolder.claim`."""
         self._folder, self._unsaved = RecordingFolder.claim(folder, self.spec), folder / UNSAVED
 
     def _make_rollout(self, render_quality: str) -> RewindableRollout:
         # Without the checks of `policies.find`, behind which the arm could not be reached.
-        build, options = policies.POLICIES["teleop"], policies.options_of(self.spec.policy)
-        return RewindableRollout(
-            self.spec,
-            lambda environment, generator: build(environment, generator, **options),
-            visuals=True,
-            render_quality=render_quality,
-        )
+        build = functools.partial(policies.POLICIES["teleop"], **policies.options_of(self.spec.policy))
+        return RewindableRollout(self.spec, build, visuals=True, render_quality=render_quality)
 
     @property
     def policy(self) -> "TeleoperatedPolicy":
@@ -204,12 +189,9 @@ class TeleoperatedEpisode(LiveEpisode):
         return self._folder.indices if self._folder else []
 
     def start(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Starts the episode of a seed, or goes on with the copy that was kept of it.
-
-        Raises an OSError if the copy cannot be read.
-        """
+        """Starts the episode of a seed, or goes on with its copy; raises an OSError if that cannot be read."""
         self._start(seed, options)
-        self._go_on_from_copy()
+        self._resume_copy()
 
     def start_from(self, episode: EpisodeArrays, steps: int | None = None) -> None:
         """Starts an episode by the first control steps of a recorded one, by all of them without a number.
@@ -224,10 +206,10 @@ class TeleoperatedEpisode(LiveEpisode):
         if count > self.spec.max_episode_steps:
             raise ValueError(f"an episode has {self.spec.max_episode_steps} control steps, fewer than {count}")
         self._start(episode.seed, None)
-        if not self._go_on_from_copy():
+        if not self._resume_copy():
             self._repeat(episode, count)
 
-    def _go_on_from_copy(self) -> bool:
+    def _resume_copy(self) -> bool:
         """Makes the control steps of the copy again that was kept of this episode, if there is one."""
         copies = self._copies()
         if copies is None or self.seed not in copies.indices:
@@ -261,18 +243,15 @@ class TeleoperatedEpisode(LiveEpisode):
 
     def step(self) -> None:
         super().step()
-        self._rest_where_still()
-        if self.has_ended or time.monotonic() - self._kept >= _SAVE_EVERY:
-            self.keep()
-
-    def _rest_where_still(self) -> None:
-        """Lets time stand still where the person acts, and nothing has moved for a while."""
+        # Where the person acts, and nothing has moved for a while, time stands still.
         place = self._places()
         if not self.policy.is_persons or np.abs(place - self._place).max() > _STILL:
             self._moved, self._place = self.steps, place
         elif (self.steps - self._moved) * self.timestep >= _PATIENCE:
             self.arm.rest()
             self._wait_for_motion()
+        if self.has_ended or time.monotonic() - self._kept >= _SAVE_EVERY:
+            self.keep()
 
     def _wait_for_motion(self) -> None:
         self._moved, self._place = self.steps + round(_BEGINNING / self.timestep), self._places()
@@ -288,10 +267,7 @@ class TeleoperatedEpisode(LiveEpisode):
         self.policy.hand_back()
 
     def rewind(self, steps: int) -> None:
-        """Goes back by control steps, as far as states are kept; the person acts from there.
-
-        Raises a ValueError where the specification forbids it.
-        """
+        """Goes back by control steps, as far as states are kept; a ValueError where the specification forbids it."""
         self._check_may_rewind()
         self._rollout.rewind(steps)
         self._has_failed = False
@@ -327,8 +303,7 @@ class TeleoperatedEpisode(LiveEpisode):
         if self.seed in self.present:
             raise ValueError(f"an episode of seed {self.seed} has been saved already: choose another seed, and reset")
         episode = self.episode()
-        metrics = self._environment.task.metrics(episode.last_info)
-        self._folder.save(episode, EpisodeStats.of(episode, metrics))
+        self._folder.save(episode, EpisodeStats.of(episode, self._environment.task.metrics(episode.last_info)))
         self.forget()
         self.saved += 1
 
@@ -354,21 +329,18 @@ class TeleoperatedEpisode(LiveEpisode):
             self.forget()
             return
         with contextlib.suppress(OSError):
-            if copies := self._copies(make=True):
-                arrays = self._rollout.buffer.arrays(with_observations=False)
-                episode = EpisodeArrays(
-                    index=self.seed,
-                    seed=self.seed,
-                    arrays={**arrays, "observation": np.empty((self.steps + 1, 0))},
-                    seconds=self.steps * self.timestep,
-                )
-                copies.save(episode, EpisodeStats.of(episode, self._environment.task.episode_metrics))
+            arrays = self._rollout.buffer.arrays(with_observations=False)
+            episode = EpisodeArrays(
+                index=self.seed,
+                seed=self.seed,
+                arrays={**arrays, "observation": np.empty((self.steps + 1, 0))},
+                seconds=self.steps * self.timestep,
+            )
+            stats = EpisodeStats.of(episode, self._environment.task.episode_metrics)
+            RecordingFolder.claim(self._unsaved, self.spec).save(episode, stats)
 
-    def _copies(self, *, make: bool = False) -> RecordingFolder | None:
-        """Returns the folder of copies, if there is one or it is to be made."""
-        if self._unsaved and (make or self._unsaved.exists()):
-            return RecordingFolder.claim(self._unsaved, self.spec)
-        return None
+    def _copies(self) -> RecordingFolder | None:
+        return RecordingFolder.claim(self._unsaved, self.spec) if self._unsaved and self._unsaved.exists() else None
 
     def forget(self) -> None:
         """Removes the copy of this episode, and the folder of copies if it was the last one."""

@@ -24,12 +24,8 @@ _VISUAL = re.compile(r"(cam|light|mat|mesh_tex|skin|tex)_.*|\w+_(matid|rgba)|bvh
 # Frames of the inertia of bodies, without effect where there is no mass.
 _INERTIAL = ("body_ipos", "body_iquat", "body_sameframe")
 
-# Structures of numbers within a model.
-_PARTS = ("opt", "stat", "vis")
-
 
 def _row(attribute: str) -> _Reader:
-    """Returns a reader of a row."""
     return lambda model, field, number: {attribute: np.array(getattr(model, field)[number])}
 
 
@@ -73,29 +69,20 @@ _FIELDS: Mapping[str, tuple[str, _Reader]] = MappingProxyType(
 def write_values(root: Any, built: mujoco.MjModel, live: mujoco.MjModel) -> None:
     """Sets the attributes of those elements whose values differ between a model as it was built and as it is now.
 
-    Fields that MuJoCo derives from these follow when the MJCF is compiled.
-
-    Args:
-      root: `mjcf.RootElement` of the scene, with all that is attached to it.
-      built: model compiled from it.
-      live: the same model with other values.
+    The scene's `mjcf.RootElement`, with all that is attached to it, has been compiled to `built`; fields that MuJoCo
+    derives from these follow when it is compiled again.
     """
     namespaces = {namespace for namespace, _ in _FIELDS.values()}
     elements = {(each, element.full_identifier): element for each in namespaces for element in root.find_all(each)}
     for field, (namespace, reader) in _FIELDS.items():
         kind = getattr(mujoco.mjtObj, f"mjOBJ_{namespace.upper()}")
-        for number in _differing(namespace, field, built, live):
+        one, other = (np.asarray(getattr(model, field)) for model in (built, live))
+        rows: NDArray[np.int64] = np.unique(np.nonzero(one != other)[0])
+        if namespace == "joint":
+            rows = np.unique(live.dof_jntid[rows])
+        for number in rows.tolist():
             element = elements[namespace, mujoco.mj_id2name(live, kind, number)]
             _set(element, reader(live, field, number), inertial=reader is _inertial)
-
-
-def _differing(namespace: str, field: str, built: mujoco.MjModel, live: mujoco.MjModel) -> list[int]:
-    """Returns the numbers of the elements of a kind that a field differs for."""
-    one, other = (np.asarray(getattr(model, field)) for model in (built, live))
-    rows: NDArray[np.int64] = np.unique(np.nonzero(one != other)[0])
-    if namespace == "joint":
-        rows = np.unique(live.dof_jntid[rows])
-    return rows.tolist()
 
 
 def _set(element: Any, attributes: Mapping[str, Any], *, inertial: bool) -> None:
@@ -115,11 +102,9 @@ def _set(element: Any, attributes: Mapping[str, Any], *, inertial: bool) -> None
 
 
 class Difference(NamedTuple):
-    """The greatest difference of a number of two models.
+    """The greatest difference of a number of two models, and the name of its field, which is empty if none differs.
 
-    Attributes:
-      value: its absolute value; infinite where an array has another shape.
-      field: name of the field; empty if no number differs.
+    Its absolute value is infinite where an array has another shape.
     """
 
     value: float
@@ -135,10 +120,14 @@ def greatest_difference(one: mujoco.MjModel, other: mujoco.MjModel, *, physical:
     With `physical` only those count that the physics depends on.
     """
     numbers = _physical_numbers if physical else _numbers
-    others = dict(numbers(other))
-    differences = (Difference(_difference(array, others[name]), name) for name, array in numbers(one))
-    found = max(differences, key=lambda difference: difference.value)
-    return found if found.value else Difference(0.0, "")
+    found, others = Difference(0.0, ""), dict(numbers(other))
+    for name, array in numbers(one):
+        value = float("inf")
+        if array.shape == others[name].shape:
+            value = float(np.abs(array.astype(np.float64) - others[name].astype(np.float64)).max(initial=0.0))
+        if value > found.value:
+            found = Difference(value, name)
+    return found
 
 
 def _physical_numbers(model: mujoco.MjModel) -> Iterator[tuple[str, NDArray]]:
@@ -147,28 +136,14 @@ def _physical_numbers(model: mujoco.MjModel) -> Iterator[tuple[str, NDArray]]:
             yield name, array[model.body_mass > 0] if name in _INERTIAL else array
 
 
-def _difference(one: NDArray, other: NDArray) -> float:
-    if one.shape != other.shape:
-        return float("inf")
-    return float(np.abs(one.astype(np.float64) - other.astype(np.float64)).max(initial=0.0))
-
-
-def _numbers(model: mujoco.MjModel) -> Iterator[tuple[str, NDArray]]:
-    """Yields name and values of all fields."""
-    for name in dir(model):
-        if name in _PARTS:
-            yield from _numbers_within(getattr(model, name), name)
-        elif not name.startswith("_") and not _LEFT_OUT.fullmatch(name):
-            value = getattr(model, name)
-            if isinstance(value, np.ndarray):  # Sizes are those of the arrays.
-                yield name, value
-
-
-def _numbers_within(structure: Any, prefix: str) -> Iterator[tuple[str, NDArray]]:
+def _numbers(structure: Any, prefix: str = "") -> Iterator[tuple[str, NDArray]]:
+    """Yields name and values of all fields of a model, or of a structure within it."""
     for name in dir(structure):
-        if not name.startswith("_"):
-            value, path = getattr(structure, name), f"{prefix}.{name}"
-            if isinstance(value, int | float | np.ndarray):
-                yield path, np.asarray(value)
-            elif type(value).__module__.startswith("mujoco"):
-                yield from _numbers_within(value, path)
+        if name.startswith("_") or (not prefix and _LEFT_OUT.fullmatch(name)):
+            continue
+        value, path = getattr(structure, name), f"{prefix}{name}"
+        # Those of the model itself are the sizes of its arrays.
+        if isinstance(value, np.ndarray) or (prefix and isinstance(value, int | float)):
+            yield path, np.asarray(value)
+        elif type(value).__module__.startswith("mujoco"):
+            yield from _numbers(value, f"{path}.")

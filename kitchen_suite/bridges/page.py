@@ -8,7 +8,6 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.rendering.web_scenes import WebScene, set_camera
@@ -17,6 +16,9 @@ if TYPE_CHECKING:
     from dm_control import mjcf
 
     from kitchen_suite.policies.experts.teleoperation import Teleoperation
+
+# The camera through which a person looks at first, where there is no flag for it.
+FIRST_CAMERA = "overview"
 
 # Lengths and angles of a nudge [m, degrees] by name.
 NUDGES = {"2 mm, 1 degree": (0.002, 1.0), "1 cm, 5 degrees": (0.01, 5.0), "3 cm, 15 degrees": (0.03, 15.0)}
@@ -41,15 +43,6 @@ _HELP = (
     "Drag the hand, or the arrows and rings at it. Keys: arrows, page up and down; O P, Y H, E R to turn; space opens "
     "or closes the fingers; backspace goes back a second. Time stands still until you move the hand."
 )
-
-# Rows of buttons, for those who have no keys.
-_ROWS = tuple(zip(*[iter(MOVES)] * 2, strict=True))
-
-# Commanded positions are nearer to the origin than this [m].
-_FARTHEST = 100.0
-
-# Radius of the ball at the hand that can be dragged [m].
-_BALL = 0.05
 
 # Pictures of a camera of the model beside the scene: none, or one of this height and width [pixels]; and the least time
 # between two of them [s], for browsers that draw slowly.
@@ -83,22 +76,18 @@ class Page:
 
     Attributes:
       server: of viser.
+      gui: its panel.
       commands: in the order in which they were given, in threads of viser's.
     """
 
     def __init__(self, server: Any, *, exclusive: bool) -> None:
         """Begins with an empty page; `exclusive` says whether one browser controls, or all of them do."""
-        self.server, self.exclusive = server, exclusive
+        self.server, self.gui, self.exclusive = server, server.gui, exclusive
         self.commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self._clients: list[int] = []
         server.on_client_connect(self._connect)
         server.on_client_disconnect(self._disconnect)
         self.clear()
-
-    @property
-    def gui(self) -> Any:
-        """The panel."""
-        return self.server.gui
 
     @property
     def controlling(self) -> int | None:
@@ -113,8 +102,9 @@ class Page:
 
     def add_control(self) -> None:
         """Adds the button by which a browser takes control."""
-        button = self.gui.add_button("Take control", hint="Where several browsers show this page, one controls.")
-        button.on_click(self._take_control)
+        self.gui.add_button("Take control", hint="Where several browsers show this page, one controls.").on_click(
+            self._take_control
+        )
 
     def accepts(self, event: Any) -> bool:
         """Returns whether an event comes from a browser that controls; tells the others."""
@@ -168,12 +158,6 @@ class Page:
                 client.camera.position, client.camera.look_at = view.position, view.look_at
                 client.camera.fov = view.fov
 
-    def shift_cameras(self, offset: NDArray[np.float64]) -> None:
-        """Moves the views of all browsers by an offset `(3,)` [m]."""
-        for client in self.server.get_clients().values():
-            # What it looks at moves with it.
-            client.camera.position = client.camera.position + offset
-
     async def _connect(self, client: Any) -> None:
         self._clients.append(client.client_id)
 
@@ -182,16 +166,13 @@ class Page:
         if client.client_id in self._clients:
             self._clients.remove(client.client_id)
         if was_controlling and self.exclusive:
-            self._release()
+            self.commands.put("release")
 
     async def _take_control(self, event: Any) -> None:
         if event.client_id != self.controlling:
             self._clients.sort(key=lambda client_id: client_id != event.client_id)
-            self._release()
-
-    def _release(self) -> None:
-        """Lets go of what the browser held that has controlled until now."""
-        self.commands.put("release")
+            # Of what the browser held that has controlled until now.
+            self.commands.put("release")
 
 
 class HandPanel:
@@ -203,12 +184,15 @@ class HandPanel:
         page.add_control()
         gui.add_markdown(_HELP)
         self._size = page.guard(gui.add_dropdown("Nudge", tuple(NUDGES), initial_value=list(NUDGES)[1]))
-        for row in _ROWS:
+        # Rows of two buttons, for those who have no keys.
+        for row in zip(*[iter(MOVES)] * 2, strict=True):
             gui.add_button_group("", row).on_click(self._click)
         for label, (key, _, _) in MOVES.items():
             # Of the present size.
             page.add_key(label, key, functools.partial(self._nudge, label))
-        page.add_button("Open or close", _turn_gripper, "space", hint="The fingers.")
+        page.add_button(
+            "Open or close", lambda person: person.arm.grasp(not person.arm.is_closed), "space", hint="The fingers."
+        )
         if hands_back:
             page.add_button("Hand back", lambda person: person.hand_back(), "B", hint="The policy acts again.")
 
@@ -232,7 +216,7 @@ class HandGizmo:
         self._pose = self._offset = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
         self._arrows = scene.add_transform_controls("/hand/arrows", scale=0.2, depth_test=False, opacity=0.7)
         self._ball = scene.add_icosphere(
-            "/hand/ball", radius=_BALL, color=(255, 170, 0), opacity=0.35, cast_shadow=False, receive_shadow=False
+            "/hand/ball", radius=0.05, color=(255, 170, 0), opacity=0.35, cast_shadow=False, receive_shadow=False
         )
         self._arrows.on_update(self._move)
         self._ball.on_drag(self._drag)
@@ -266,8 +250,8 @@ class HandGizmo:
     def _command(self, position: Any, orientation: Any) -> None:
         """Commands a pose, in place of all poses since the last time."""
         pose = np.array(position, float), np.array(orientation, float)
-        # A browser can send anything.
-        if not all((np.abs(part) < _FARTHEST).all() for part in pose) or not pose[1].any():
+        # A browser can send anything, such as a place 100 m away.
+        if not all((np.abs(part) < 100.0).all() for part in pose) or not pose[1].any():
             return
         self._pose = pose
         if not self._is_waiting:
@@ -301,7 +285,9 @@ class Stage:
             self._gizmo.update(person.arm)
             place = person.arm.hand[0]
             if follows and not np.allclose(place, self._place, atol=1e-4):
-                self._page.shift_cameras(place - self._place)
+                for client in self._page.server.get_clients().values():
+                    # What it looks at moves with it.
+                    client.camera.position = client.camera.position + (place - self._place)
             self._place = place
 
     def shows(self, physics: "mjcf.Physics") -> bool:
@@ -354,7 +340,3 @@ class CameraPicture:
             except (ImportError, OSError, RuntimeError):
                 self._can_render = False
         self._image.visible = self._can_render and self._choice.value != NO_PICTURE
-
-
-def _turn_gripper(person: Person) -> None:
-    person.arm.grasp(not person.arm.is_closed)

@@ -36,11 +36,16 @@ class SuiteVecEnv(VecEnv):
             `goal_format="flat"`.
           info_keys: infos that each step returns, such as the masks of tasks for hindsight relabelling.
         """
-        _check_supported(environments)
+        vector_checks.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
+        space = environments.single_observation_space
+        if isinstance(space, spaces.Dict) and any(isinstance(part, spaces.Dict) for part in space.values()):
+            raise ValueError("Stable-Baselines3 does not support nested observations: pass goal_format='flat'")
+        if not cast(spaces.Box, environments.single_action_space).is_bounded():
+            raise ValueError("Stable-Baselines3 needs bounded actions: pass action_limit, such as action_limit=1.0")
         self.environments = environments
         self._info_keys = tuple(info_keys)
         self._actions: NDArray = np.empty(0)
-        super().__init__(environments.num_envs, environments.single_observation_space, environments.single_action_space)
+        super().__init__(environments.num_envs, space, environments.single_action_space)
         self.metadata = environments.metadata
 
     def reset(self) -> Any:
@@ -62,7 +67,9 @@ class SuiteVecEnv(VecEnv):
         """
         observations, rewards, terminations, truncations, infos = self.environments.step(self._actions)
         dones, timeouts = terminations | truncations, truncations & ~terminations
-        result = self._step_infos(infos, timeouts)
+        names = ("TimeLimit.truncated", *self._info_keys)
+        columns = (timeouts.tolist(), *(infos[name] for name in self._info_keys))
+        result = [dict(zip(names, values, strict=True)) for values in zip(*columns, strict=True)]
         for i in np.flatnonzero(dones).tolist():
             result[i] = {
                 **_row(infos["final_info"], i),
@@ -71,12 +78,6 @@ class SuiteVecEnv(VecEnv):
             }
             self.reset_infos[i] = _row(infos, i)
         return observations, rewards.astype(np.float32), dones, result
-
-    def _step_infos(self, infos: Mapping[str, Any], timeouts: NDArray[np.bool_]) -> list[dict[str, Any]]:
-        """Returns a dict for each environment with `TimeLimit.truncated` and the infos of each step."""
-        names = ("TimeLimit.truncated", *self._info_keys)
-        columns = (timeouts.tolist(), *(infos[name] for name in self._info_keys))
-        return [dict(zip(names, values, strict=True)) for values in zip(*columns, strict=True)]
 
     def close(self) -> None:
         """Closes the environments."""
@@ -136,26 +137,12 @@ def make_vec_env(
       **settings: arguments of the vectorised environment, such as `num_threads`.
     """
     environments = gymnasium.make_vec(
-        env_id,
-        num_envs,
-        vectorization_mode="vector_entry_point",
-        autoreset_mode=AutoresetMode.SAME_STEP,
-        **settings,
+        env_id, num_envs, vectorization_mode="vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP, **settings
     )
     adapted = VecMonitor(SuiteVecEnv(cast(SuiteVectorEnv, environments), info_keys=info_keys))
     if seed is not None:
         adapted.seed(seed)
     return adapted
-
-
-def _check_supported(environments: SuiteVectorEnv) -> None:
-    """Raises a ValueError unless Stable-Baselines3 supports the autoreset mode and the spaces of environments."""
-    vector_checks.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
-    space = environments.single_observation_space
-    if isinstance(space, spaces.Dict) and any(isinstance(part, spaces.Dict) for part in space.values()):
-        raise ValueError("Stable-Baselines3 does not support nested observations: pass goal_format='flat'")
-    if not cast(spaces.Box, environments.single_action_space).is_bounded():
-        raise ValueError("Stable-Baselines3 needs bounded actions: pass action_limit, such as action_limit=1.0")
 
 
 def _row(infos: Mapping[str, Any], i: int) -> dict[str, Any]:

@@ -47,5 +47,4 @@ def _as_steps(episode: Any) -> TensorDict:
 
 
 def _part(values: Any, part: slice) -> Any:
-    """Returns some steps of nested dicts of arrays."""
     return {key: _part(value, part) for key, value in values.items()} if isinstance(values, Mapping) else values[part]

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, policies, suite
 from kitchen_suite.bridges.live import LiveEpisode, TeleoperatedEpisode, kept_by_user
-from kitchen_suite.bridges.page import CameraPicture, Command, HandPanel, Page, Stage
-from kitchen_suite.environment import Environment
+from kitchen_suite.bridges.page import FIRST_CAMERA, CameraPicture, Command, HandPanel, Page, Stage
 from kitchen_suite.policies import POLICIES
 from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.rendering.viser_servers import HOST, check_extra, local_server
@@ -38,9 +37,6 @@ _PERSONS_STEPS = 2_000
 # Name of a person as a policy, and in the panel of nobody from whom a person takes over.
 TELEOP, NOBODY = "teleop", "nobody"
 
-# The camera through which a person looks at first, of a command that has no flag for it.
-_CAMERA = "overview"
-
 SPEEDS = ("0.25x", "0.5x", "1x", "2x", "4x", "8x")
 
 # Greatest time between two readings of the panel, and least time between two control steps that are shown [s].
@@ -51,14 +47,20 @@ _ERRORS = (ImportError, OSError, RuntimeError, TypeError, ValueError)
 
 
 class EpisodePanel:
-    """The report of the episode in progress, and the widgets that play it."""
+    """The report of the episode in progress, and the widgets that play it.
+
+    Attributes:
+      report: in Markdown.
+      run: whether the episode is not paused.
+      cameras: to look through.
+    """
 
     def __init__(self, page: Page, camera: str, *, has_seeds: bool, seed: int = 0) -> None:
         """Adds them to a page; `has_seeds` says whether seeds can be chosen, of which the first one is `seed`."""
         gui, self._page = page.gui, page
-        self._report = gui.add_markdown("")
+        self.report = gui.add_markdown("")
         with gui.add_folder("Episode"):
-            self._run = page.guard(gui.add_checkbox("Run", initial_value=True))
+            self.run = page.guard(gui.add_checkbox("Run", initial_value=True))
             page.add_button("Step", "step", hint="One control step; pauses.")
             self._speed = page.guard(gui.add_dropdown("Speed", SPEEDS, initial_value="1x"))
             self._seed = self._continue = None
@@ -66,13 +68,8 @@ class EpisodePanel:
                 self._seed = page.guard(gui.add_number("Seed", seed, min=0, max=2**31 - 1, step=1))
                 self._continue = page.guard(gui.add_checkbox("Next seed at the end", initial_value=True))
                 page.add_button("Reset", "reset", hint="Starts the episode of the seed.")
-            self._camera = page.guard(gui.add_dropdown("Camera", (camera,), initial_value=camera))
-            self._camera.on_update(page.putting("camera"))
-
-    @property
-    def is_paused(self) -> bool:
-        """Whether the episode is paused."""
-        return not self._run.value
+            self.cameras = page.guard(gui.add_dropdown("Camera", (camera,), initial_value=camera))
+            self.cameras.on_update(page.putting("camera"))
 
     @property
     def continues(self) -> bool:
@@ -98,20 +95,8 @@ class EpisodePanel:
     @property
     def camera(self) -> str:
         """Name of the camera to look through."""
-        value = self._camera.value
-        return value if value in self._camera.options else self._camera.options[0]
-
-    def pause(self) -> None:
-        """Pauses the episode."""
-        self._run.value = False
-
-    def show(self, report: str) -> None:
-        """Shows the progress of the episode, in Markdown."""
-        self._report.content = report
-
-    def offer_cameras(self, names: list[str]) -> None:
-        """Offers the cameras of a model."""
-        self._camera.options = names
+        value, offered = self.cameras.value, self.cameras.options
+        return value if value in offered else offered[0]
 
 
 class TaskPanel:
@@ -120,8 +105,7 @@ class TaskPanel:
     def __init__(self, page: Page, settings: ViewSettings) -> None:
         """Adds them to a page, with the settings as their initial values."""
         gui, first, tasks = page.gui, settings, suite.TASKS_BY_DOMAIN
-        self._settings = first
-        self._nobody = (NOBODY,) if first.teleop else ()
+        self._settings, self._nobody = first, (NOBODY,) if first.teleop else ()
         given = first.policy or NOBODY
         with gui.add_folder("Task"):
             self._domain = page.guard(gui.add_dropdown("Domain", tuple(tasks), initial_value=first.domain_name))
@@ -184,35 +168,23 @@ class TaskPanel:
 def policies_for(domain_name: str, task_name: str) -> tuple[str, ...]:
     """Returns the names of the policies that can act in a task by themselves, the scripted expert first."""
     environment = suite.load(domain_name, task_name, {"visuals": False})
-    names = sorted((name for name in POLICIES if not POLICIES[name].player), key=lambda name: name != "expert")
-    return tuple(name for name in names if _can_act(name, environment))
-
-
-def _can_act(name: str, environment: Environment) -> bool:
-    try:
-        policies.find(name)(environment, np.random.default_rng(0))
-    except _ERRORS:
-        return False
-    return True
+    acting = []
+    for name in sorted((name for name in POLICIES if not POLICIES[name].player), key=lambda name: name != "expert"):
+        with contextlib.suppress(*_ERRORS):
+            policies.find(name)(environment, np.random.default_rng(0))
+            acting.append(name)
+    return tuple(acting)
 
 
 class Viewer:
-    """Plays an episode in real time, and does what is chosen in the panel.
-
-    Attributes:
-      episode: the one that is shown.
-    """
+    """Plays an episode in real time, and does what is chosen in the panel."""
 
     def __init__(
-        self, page: Page, episode: LiveEpisode, *, settings: ViewSettings | None = None, camera: str = _CAMERA
+        self, page: Page, episode: LiveEpisode, *, settings: ViewSettings | None = None, camera: str = FIRST_CAMERA
     ) -> None:
-        """Shows an episode that has been started.
+        """Shows an episode that has been started, in place of the contents of a page, through a camera at first.
 
-        Args:
-          page: its contents are replaced.
-          episode: to be shown.
-          settings: of `kitchen-view`, whose panel chooses further episodes; None for this episode alone.
-          camera: through which browsers look at first.
+        With the settings of `kitchen-view` a panel chooses further episodes.
         """
         page.clear()
         self._page, self.episode = page, episode
@@ -225,16 +197,11 @@ class Viewer:
         self._tasks = TaskPanel(page, settings) if settings else None
         self._show_stage()
 
-    def run(self) -> None:
-        """Plays episodes until an exception is raised, such as an interrupt."""
-        while True:
-            self.update()
-
     def update(self) -> None:
         """Makes the control step that is due, and carries out a command that is given until the next one is."""
         panel, now = self._panel, time.monotonic()
         is_alone = self._page.exclusive and self._page.controlling is None
-        stands_still = panel.is_paused or bool(self._problem) or self.episode.is_waiting or is_alone
+        stands_still = not panel.run.value or bool(self._problem) or self.episode.is_waiting or is_alone
         if not stands_still and now >= self._due:
             self._step()
             # Where steps take longer than they should, time passes more slowly.
@@ -256,7 +223,9 @@ class Viewer:
             # Another policy can be loaded from the panel.
             HandPanel(page, hands_back=settings is not None or "policy" in policies.options_of(episode.spec.policy))
             if episode.can_rewind:
-                page.add_button("Back 1 s", self._rewind_second, "backspace")
+                page.add_button(
+                    "Back 1 s", lambda episode: episode.rewind(math.ceil(1.0 / episode.timestep)), "backspace"
+                )
                 steps = page.guard(gui.add_number("Control steps", 25, min=1, max=REWIND_STEPS, step=1))
                 page.add_button("Go back", lambda episode: episode.rewind(int(steps.value)), hint="By these steps.")
                 page.add_button("Discard", lambda episode: episode.discard(), hint="Starts the episode anew.")
@@ -266,9 +235,6 @@ class Viewer:
                 page.add_button("Save", self._save, "enter", hint="And starts the episode of the next seed.")
             self._follow = page.guard(gui.add_checkbox("Camera follows", initial_value=False))
             self._picture = CameraPicture(page, episode.physics)
-
-    def _rewind_second(self, episode: TeleoperatedEpisode) -> None:
-        episode.rewind(math.ceil(1.0 / episode.timestep))
 
     def _save(self, episode: TeleoperatedEpisode) -> None:
         episode.save()
@@ -280,35 +246,31 @@ class Viewer:
             self._command_episode(command)
             return
         if command == "step":
-            self._panel.pause()
+            self._panel.run.value = False
             self._step()
         elif command == "camera":
             self._page.move_cameras(self.episode.physics, find_camera(self.episode.physics, self._panel.camera))
         elif command == "picture":
             self._is_stale = True
         elif command == "release":
-            self._release()
+            # The browser is gone that has controlled until now: time stands still.
+            self._stage.release()
+            if self._person and self._person.policy.is_persons:
+                self._person.policy.take_over()
+                self._person.keep()
         elif command in ("load", "reset"):
             self._try(self._load if command == "load" else self._reset)
         self._due = time.monotonic()
 
     def _command_episode(self, command: Callable[[Any], None]) -> None:
-        episode = self.episode
-        if isinstance(episode, TeleoperatedEpisode):
-            was_waiting = episode.is_waiting
-            self._try(lambda: command(episode), is_due=False)
-            if was_waiting and not episode.is_waiting:
+        if person := self._person:
+            was_waiting = person.is_waiting
+            self._try(lambda: command(person), is_due=False)
+            if was_waiting and not person.is_waiting:
                 # The first control step is made at once, and shown with what the command has changed.
                 self._due = time.monotonic()
             elif self._is_stale:
                 self._show()
-
-    def _release(self) -> None:
-        """Lets time stand still: the browser is gone that has controlled until now."""
-        self._stage.release()
-        if isinstance(self.episode, TeleoperatedEpisode) and self.episode.policy.is_persons:
-            self.episode.policy.take_over()
-            self.episode.keep()
 
     def _step(self) -> None:
         if not self.episode.has_ended:
@@ -322,7 +284,7 @@ class Viewer:
 
     def _load(self) -> None:
         assert self._tasks
-        self._panel.show("Loading.")
+        self._panel.report.content = "Loading."
         episode = live_episode(dataclasses.replace(self._tasks.settings(), seed=self._panel.seed))
         self.episode.close()
         self.episode = episode
@@ -361,7 +323,7 @@ class Viewer:
         follows = self._follow is not None and bool(self._follow.value)
         with self._page.server.atomic():
             self._stage.update(self.episode.physics, self._person, follows=follows)
-            self._panel.show(f"**Error:** {self._problem}" if self._problem else self.episode.report())
+            self._panel.report.content = f"**Error:** {self._problem}" if self._problem else self.episode.report()
         self._page.server.flush()
         if self._picture:
             self._picture.update(self.episode.physics)
@@ -371,11 +333,10 @@ class Viewer:
         return self.episode if isinstance(self.episode, TeleoperatedEpisode) else None
 
     def _show_stage(self) -> None:
-        """Replaces the scene by that of the episode's model."""
         physics = self.episode.physics
-        self._panel.offer_cameras(camera_names(physics))
+        self._panel.cameras.options = camera_names(physics)
         self._stage = Stage(self._page, physics, self._panel.camera, self._person)
-        self._panel.show(self.episode.report())
+        self._panel.report.content = self.episode.report()
 
 
 def live_episode(settings: ViewSettings) -> LiveEpisode:
@@ -390,9 +351,11 @@ def live_episode(settings: ViewSettings) -> LiveEpisode:
 
 
 def _persons_episode(settings: ViewSettings) -> TeleoperatedEpisode:
+    # Who may take over from another policy.
+    policy = f"{TELEOP}(policy={settings.policy!r})" if settings.policy else TELEOP
+    steps = settings.max_episode_steps or _PERSONS_STEPS
     source = settings.start_from and RecordingFolder.open(settings.start_from)
-    spec = source.spec if source else EpisodeSpec.of(_persons_settings(settings), seeding="gymnasium")
-    policy, steps = _persons_policy(settings), settings.max_episode_steps or _PERSONS_STEPS
+    spec = source.spec if source else EpisodeSpec.of(dataclasses.replace(settings, policy=policy), seeding="gymnasium")
     # Episodes have the numbers of their seeds. That recorded ones play again here is checked.
     spec = dataclasses.replace(
         spec, policy=policy, policy_sha256=None, seed=0, versions=installed_versions(), max_episode_steps=steps
@@ -413,15 +376,6 @@ def _persons_episode(settings: ViewSettings) -> TeleoperatedEpisode:
     return episode
 
 
-def _persons_policy(settings: ViewSettings) -> str:
-    """Returns the name of the person as a policy, who takes over from the policy of the settings if there is one."""
-    return f"{TELEOP}(policy={settings.policy!r})" if settings.policy else TELEOP
-
-
-def _persons_settings(settings: ViewSettings) -> ViewSettings:
-    return dataclasses.replace(settings, policy=_persons_policy(settings))
-
-
 class ViewJob:
     """Shows episodes in a browser until it is interrupted."""
 
@@ -431,18 +385,18 @@ class ViewJob:
     def __init__(self, settings: ViewSettings) -> None:
         """Builds the first environment, so that bad settings are refused."""
         task_name = settings.task_name or suite.default_task(settings.domain_name)
-        self._settings = settings = dataclasses.replace(settings, task_name=task_name)
+        settings = dataclasses.replace(settings, task_name=task_name)
         if settings.policy is not None and policies.player_of(settings.policy):
-            if others := sorted(policies.options_of(settings.policy).keys() - {"policy"}):
+            options = policies.options_of(settings.policy)
+            if others := sorted(options.keys() - {"policy"}):
                 raise ValueError(f"options {others} of policy 'teleop' are for other commands")
-            first = policies.options_of(settings.policy).get("policy")
-            self._settings = settings = dataclasses.replace(settings, teleop=True, policy=first)
+            settings = dataclasses.replace(settings, teleop=True, policy=options.get("policy"))
         if settings.start_from is None and (settings.start_episode or settings.start_step is not None):
             raise ValueError("--start_episode and --start_step need --start_from, the folder of the episode")
         for name in ("output", "start_from"):
             if getattr(settings, name) is not None and not settings.teleop:
                 raise ValueError(f"--{name} is a folder of episodes that a person plays: it needs --teleop")
-        self._episode = live_episode(settings)
+        self._settings, self._episode = settings, live_episode(settings)
 
     def progress(self) -> str:
         return "while showing episodes"
@@ -454,16 +408,12 @@ class ViewJob:
             page = Page(server, exclusive=settings.teleop)
             viewer = Viewer(page, self._episode, settings=settings, camera=settings.camera)
             print_line(f"{_address(settings.port)}  (Ctrl-C ends)")
-            viewer.run()
-        return True
+            while True:
+                viewer.update()
 
 
 class PlayedPolicy:
-    """Acts as a person has played an episode; the episode has to be stepped in the same way.
-
-    Attributes:
-      labels: of the last action.
-    """
+    """Acts as a person has played an episode, with the labels; the episode has to be stepped in the same way."""
 
     def __init__(self, episode: EpisodeArrays) -> None:
         self._actions, self._step = episode.arrays["action"], 0

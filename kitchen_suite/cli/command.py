@@ -30,12 +30,6 @@ from kitchen_suite.settings import WIDTH, Flag
 
 SUCCESS, FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 
-_MAX_MESSAGE = 1000  # Characters of an error, which may quote any argument.
-_RAISE_AGAIN_AFTER = 0.01  # [s]
-
-# Flags that show the help in other programs: `-?` on Windows, the others in absl's.
-_HELP_FLAGS = ("?", "helpfull", "helpshort")
-
 # Errors of the preparation.
 _USAGE_ERRORS = (flags.Error, ImportError, OSError, TypeError, ValueError)
 
@@ -46,9 +40,7 @@ _interrupts: list[int] = []
 class Job(Protocol):
     """A command's work, prepared so that bad arguments have been refused.
 
-    Attributes:
-      failures: exceptions of `run` that end the command with `FAILURE`.
-      usage_errors: those that end it with `USAGE`.
+    Exceptions of `run` end the command with `FAILURE` if they are `failures`, with `USAGE` if they are `usage_errors`.
     """
 
     failures: tuple[type[Exception], ...]
@@ -63,10 +55,9 @@ class Job(Protocol):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Command:
-    """A console script.
+    """A console script of a name.
 
     Attributes:
-      name: name of the script.
       description: text above the flags in `--help`; its first sentence is the command's in the list of all.
       settings: dataclass of the command's settings; each field is a flag, those without a default are required.
       job: `module:callable` that returns a `Job` for the settings. The module is imported after the GL library has been
@@ -87,7 +78,6 @@ class Command:
     needs: tuple[tuple[str, ...], str] = ((), "")
 
     def __call__(self) -> int:
-        """Runs the command as a process of its own; returns the exit status."""
         return run_process(self.name, self.main)
 
     def main(self, arguments: Sequence[str] | None = None) -> int:
@@ -110,17 +100,14 @@ class Command:
         return ended
 
     def parse(self, arguments: Sequence[str]) -> Any:
-        """Returns the settings, or the text that `--help` or `--version` prints.
-
-        Raises:
-          absl.flags.Error: a flag is unknown, missing or has a bad value, or there are too many other arguments.
-        """
+        """Returns the settings, or the text of `--help` or `--version`; an `absl.flags.Error` for bad arguments."""
         settings = settings_of(self.settings)
         values = define([setting for setting in settings if setting.name != self.positional])
         _, *others = values([self.name, *arguments], known_only=True)
         others = [text for text in others if text != "--"]
         unknown = [text.lstrip("-").partition("=")[0] for text in others if text.startswith("-")]
-        if values.help or (unknown and unknown[0] in _HELP_FLAGS):
+        # The first shows the help on Windows, the others in absl's programs.
+        if values.help or (unknown and unknown[0] in ("?", "helpfull", "helpshort")):
             return f"{self.description}{self.details()}\nFlags:\n{describe(settings, self.positional)}"
         if values.version:
             return f"{self.name} {kitchen_suite.__version__}"
@@ -170,7 +157,6 @@ class Setting(NamedTuple):
 
     @property
     def is_required(self) -> bool:
-        """Whether the command cannot run without it."""
         return self.default is dataclasses.MISSING
 
     @property
@@ -202,10 +188,8 @@ def settings_of(dataclass: type) -> list[Setting]:
 
 
 def define(settings: Sequence[Setting]) -> flags.FlagValues:
-    """Defines the flags of settings, `--help` and `--version`.
-
-    They are not absl's global flags, so that a command can be called from other programs, any number of times.
-    """
+    """Defines the flags of settings, `--help` and `--version`."""
+    # Not absl's global flags, so that a command can be called from other programs, any number of times.
     values = _Flags()
     for setting in (*settings, _HELP, _VERSION):
         default = None if setting.is_required else setting.default
@@ -251,9 +235,8 @@ class _Parser(flags.ArgumentParser):
     def _value(self, text: str) -> Any:
         flag, value = self._flag, self._read(text)
         if isinstance(value, int | float) and not flag.minimum <= value <= flag.maximum:
-            raise ValueError(
-                f"must be at {f'least {flag.minimum}' if value < flag.minimum else f'most {flag.maximum}'}"
-            )
+            bound = f"least {flag.minimum}" if value < flag.minimum else f"most {flag.maximum}"
+            raise ValueError(f"must be at {bound}")
         if flag.choices and value not in flag.choices:
             raise ValueError(f"must be one of {', '.join(flag.choices)}")
         flag.check(value)
@@ -311,15 +294,13 @@ _READERS: Mapping[Any, Callable[[str], Any]] = MappingProxyType(
 def fail(name: str, problem: object, status: int) -> int:
     """Reports a problem in one line on stderr, if that can be written to; returns the exit status."""
     with contextlib.suppress(OSError):
-        print(f"{name}:", checks.shortened(str(problem), _MAX_MESSAGE), file=sys.stderr)
+        # It may quote any argument.
+        print(f"{name}:", checks.shortened(str(problem), 1000), file=sys.stderr)
     return status
 
 
 def run_process(name: str, main: Callable[[], int]) -> int:
-    """Runs `main` as the process of a command, with its signals, and standard streams that may be closed or full.
-
-    Both return the exit status.
-    """
+    """Runs `main` as a command's process, with signals, and streams that may be closed; both return the exit status."""
     _open_closed_streams()
     # Python's warnings take one line, without the line of code that they are about.
     warnings.formatwarning = lambda message, category, *_, **__: f"{category.__name__}: {message}\n"
@@ -340,10 +321,8 @@ def run_process(name: str, main: Callable[[], int]) -> int:
 
 
 def _raise_interrupts() -> None:
-    """Lets SIGINT and SIGTERM, with which batch systems stop a job, raise KeyboardInterrupt, also in destructors.
-
-    SIGINT stays ignored where it is, as in a shell's background jobs.
-    """
+    """Lets SIGINT and SIGTERM, with which batch systems stop a job, raise KeyboardInterrupt, also in destructors."""
+    # SIGINT stays ignored where it is, as in a shell's background jobs.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
         if number is not signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)
@@ -358,7 +337,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 def _raise_again(unraisable: Any) -> None:
     """Raises an interrupt again that Python has dropped, since a destructor cannot raise exceptions."""
     if issubclass(unraisable.exc_type, KeyboardInterrupt):
-        signal.setitimer(signal.ITIMER_REAL, _RAISE_AGAIN_AFTER)
+        signal.setitimer(signal.ITIMER_REAL, 0.01)
     else:
         sys.__unraisablehook__(unraisable)
 

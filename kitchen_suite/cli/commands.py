@@ -11,37 +11,21 @@ from pathlib import Path
 from types import MappingProxyType
 
 import kitchen_suite
-from kitchen_suite import checks, files
+from kitchen_suite import checks, files, settings
 from kitchen_suite.cli.command import SUCCESS, USAGE, Command, fail, run_process
 from kitchen_suite.rendering import gl
-from kitchen_suite.settings import (
-    WIDTH,
-    BenchmarkSettings,
-    CertifySettings,
-    ConvertSettings,
-    DoctorSettings,
-    EvaluateSettings,
-    ExportSettings,
-    PlaySettings,
-    RecordSettings,
-    ReplaySettings,
-    RolloutSettings,
-    TrainSettings,
-    VerifySettings,
-    ViewSettings,
-)
 
 # Folder of the policies that come with the package, whose module imports dm_control.
 _SHIPPED = Path(kitchen_suite.__file__).parent / "policies" / "trained_policies"
 
 
-def _renders_by_default(settings: PlaySettings) -> bool:
+def _renders_by_default(given: settings.PlaySettings) -> bool:
     """Returns whether `kitchen-play` renders: what the policy sees, or a video, by default where one can be made."""
-    if settings.list:
+    if given.list:
         return False
-    if settings.video or _sees(settings):
+    if given.video or _sees(given):
         return True
-    if settings.novideo or settings.web:
+    if given.novideo or given.web:
         return False
     with contextlib.suppress(OSError):
         gl.find_library()
@@ -49,23 +33,22 @@ def _renders_by_default(settings: PlaySettings) -> bool:
     return False
 
 
-def _sees(settings: PlaySettings) -> bool:
+def _sees(given: settings.PlaySettings) -> bool:
     """Returns whether a policy takes pictures; that its file cannot be read is reported later."""
-    shipped = _SHIPPED / f"{settings.shipped}.npz"
+    shipped = _SHIPPED / f"{given.shipped}.npz"
     with contextlib.suppress(OSError):
-        return bool(files.load_metadata(settings.policy_file or shipped, "a trained policy").get("cameras"))
+        return bool(files.load_metadata(given.policy_file or shipped, "a trained policy").get("cameras"))
     return False
 
 
 def _protocol_lines() -> str:
-    """Returns the lines of help on the protocols of `kitchen-evaluate`."""
     from kitchen_suite.evaluation.protocols import PROTOCOLS
 
     names: dict[str, list[str]] = {"all domains": [], "the kitchen": []}
     for protocol in PROTOCOLS.values():
         names["all domains" if protocol.is_general else "the kitchen"].append(protocol.name)
     lines = (f"of {domains}: {', '.join(each)}" for domains, each in names.items())
-    wrapper = textwrap.TextWrapper(WIDTH, "  ", subsequent_indent=" " * 6, break_on_hyphens=False)
+    wrapper = textwrap.TextWrapper(settings.WIDTH, "  ", subsequent_indent=" " * 6, break_on_hyphens=False)
     return "\n".join(["", *map(wrapper.fill, lines), ""])
 
 
@@ -85,9 +68,9 @@ Your own policy is a callable that takes a dm_env.TimeStep and returns the actio
 keeps the finished episodes and the video until then. Exit status: 0; 1 if writing, the physics or the workers failed; 2
 for a bad argument or policy, with one line on stderr; 130 if interrupted.
 """,
-    settings=RolloutSettings,
+    settings=settings.RolloutSettings,
     job="kitchen_suite.rollouts.rollout_job:make_job",
-    renders=lambda settings: (settings.video is not None or settings.observes_pictures) and not settings.list,
+    renders=lambda given: (given.video is not None or given.observes_pictures) and not given.list,
 )
 
 record = Command(
@@ -107,9 +90,9 @@ atomically, so that an interrupt, even by kill -9, loses only the episodes in pr
 recording. A policy module:callable must be stateless, or be played with --num_envs=1. Exit status: 0; 1 if writing, the
 physics or the workers failed; 2 for a bad argument or policy, with one line on stderr; 130 if interrupted.
 """,
-    settings=RecordSettings,
+    settings=settings.RecordSettings,
     job="kitchen_suite.recordings.record_job:RecordJob",
-    renders=lambda settings: settings.observes_pictures,
+    renders=lambda given: given.observes_pictures,
 )
 
 replay = Command(
@@ -126,10 +109,10 @@ replay = Command(
 Exit status: 0 if all are equal; 1 if not, or if writing or the physics failed; 2 for a bad argument, with one line on
 stderr; 130 if interrupted.
 """,
-    settings=ReplaySettings,
+    settings=settings.ReplaySettings,
     job="kitchen_suite.recordings.replay:ReplayJob",
     # A recording may hold pictures, which its replay renders again.
-    renders=lambda settings: True if settings.video else None,
+    renders=lambda given: True if given.video else None,
     positional="source",
 )
 
@@ -147,8 +130,8 @@ play = Command(
 The last line says how many episodes succeeded. Exit status: 0; 1 if writing or the physics failed; 2 for a bad
 argument or policy file, with one line on stderr; 130 if interrupted.
 """,
-    settings=PlaySettings,
-    job="kitchen_suite.rollouts.play_job:make_job",
+    settings=settings.PlaySettings,
+    job="kitchen_suite.rollouts.rollout_job:make_job",
     renders=_renders_by_default,
 )
 
@@ -169,9 +152,9 @@ the next one. With --video, an episode of the best policy is filmed at the end. 
 physics failed, learning diverged, or no checkpoint can be read; 2 for a bad argument, with one line on stderr; 130 if
 interrupted.
 """,
-    settings=TrainSettings,
+    settings=settings.TrainSettings,
     job="kitchen_suite.training.train_job:TrainJob",
-    renders=lambda settings: settings.video is not None or settings.observes_pictures,
+    renders=lambda given: given.video is not None or given.observes_pictures,
     needs=(("tensorboard", "torch"), "train"),
 )
 
@@ -191,9 +174,9 @@ JSON, to the byte, whatever --num_envs and --num_threads. A policy module:callab
 interrupted. Protocols, whose sources and values are in docs/guide/evaluation.md:
 """,
     details=_protocol_lines,
-    settings=EvaluateSettings,
+    settings=settings.EvaluateSettings,
     job="kitchen_suite.evaluation.evaluate_job:EvaluateJob",
-    renders=lambda settings: settings.observes_pictures,
+    renders=lambda given: given.observes_pictures,
 )
 
 verify = Command(
@@ -207,7 +190,7 @@ The actions are those of the receipt; seeds and settings make everything else an
 equal to the bit; 3 if all scores are, but not all digits; 1 if scores differ, or if the file was changed or cannot be
 read; 2 for a bad argument, with one line on stderr; 130 if interrupted.
 """,
-    settings=VerifySettings,
+    settings=settings.VerifySettings,
     job="kitchen_suite.evaluation.verify_job:VerifyJob",
     positional="receipt",
 )
@@ -228,9 +211,9 @@ Frames are compared with those of the original's renderer, or of `high` where a 
 the rounds counts.
 Exit status: 0; 2 for a bad argument, with one line on stderr; 130 if interrupted.
 """,
-    settings=BenchmarkSettings,
+    settings=settings.BenchmarkSettings,
     job="kitchen_suite.benchmarks.benchmark_job:BenchmarkJob",
-    renders=lambda settings: settings.measure == "rendering",
+    renders=lambda given: given.measure == "rendering",
 )
 
 certify = Command(
@@ -246,9 +229,9 @@ With the argument certified of the environments, episodes ask only for what the 
 if fixtures are in each other, a certificate does not hold, or writing failed; 2 for a bad argument, with one line on
 stderr; 130 if interrupted, with all finished kitchens in the file.
 """,
-    settings=CertifySettings,
+    settings=settings.CertifySettings,
     job="kitchen_suite.evaluation.certify_job:CertifyJob",
-    renders=lambda settings: False,
+    renders=lambda given: False,
     needs=(("mink",), "experts"),
 )
 
@@ -262,7 +245,7 @@ The last lines have digests of episodes of each domain. Where they are known for
 of processor, they are compared. Exit status: 0, whatever is missing; 1 where a digest differs; 2 for a bad argument,
 with one line on stderr; 130 if interrupted.
 """,
-    settings=DoctorSettings,
+    settings=settings.DoctorSettings,
     job="kitchen_suite.doctor:DoctorJob",
 )
 
@@ -280,9 +263,9 @@ The folder gets scene.xml with its assets, scene.mjb, state.npz (the state after
 it. scene.mjb equals the environment's model to the bit. The command prints by how much scene.xml, once compiled,
 differs from it. Exit status: 0; 1 if writing failed; 2 for a bad argument, with one line on stderr; 130 if interrupted.
 """,
-    settings=ExportSettings,
+    settings=settings.ExportSettings,
     job="kitchen_suite.bridges.export:ExportJob",
-    renders=lambda settings: settings.observes_pictures,
+    renders=lambda given: given.observes_pictures,
 )
 
 convert = Command(
@@ -300,10 +283,10 @@ in that order. D4RL's have no velocities; policies that are trained on them act 
 reading or writing failed, or an episode plays otherwise; 2 for a bad argument or data of another layout, with one line
 on stderr; 130 if interrupted.
 """,
-    settings=ConvertSettings,
+    settings=settings.ConvertSettings,
     job="kitchen_suite.recordings.conversions:convert_job",
     # A recording may hold pictures, which are rendered again.
-    renders=lambda settings: None,
+    renders=lambda given: None,
     positional="source",
 )
 
@@ -321,33 +304,15 @@ In the page, choose domain, task, policy, variations and seed; reset, pause, ste
 refused; from one, use ssh -L 8080:localhost:8080 HOST. Exit status: 1 if the port is in use; 2 for a bad argument, with
 one line on stderr; 130 after Ctrl-C, which ends the viewer.
 """,
-    settings=ViewSettings,
+    settings=settings.ViewSettings,
     job="kitchen_suite.bridges.viewer:ViewJob",
     # A person sees pictures of the wrist where a GL library is installed.
-    renders=lambda settings: settings.observes_pictures or (None if settings.teleop else False),
+    renders=lambda given: given.observes_pictures or (None if given.teleop else False),
     needs=(("viser", "mjviser"), "web"),
 )
 
-COMMANDS: Mapping[str, Command] = MappingProxyType(
-    {
-        command.name.removeprefix("kitchen-"): command
-        for command in (
-            rollout,
-            record,
-            replay,
-            play,
-            train,
-            evaluate,
-            verify,
-            certify,
-            doctor,
-            benchmark,
-            export,
-            convert,
-            view,
-        )
-    }
-)
+_ALL = (rollout, record, replay, play, train, evaluate, verify, certify, doctor, benchmark, export, convert, view)
+COMMANDS: Mapping[str, Command] = MappingProxyType({each.name.removeprefix("kitchen-"): each for each in _ALL})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -372,7 +337,6 @@ def console_main() -> int:
 
 
 def _listing() -> str:
-    """Returns a line on each command: its name, and the first sentence of its description."""
     sentences = {name: command.description.partition("\n")[0].partition(". ")[0] for name, command in COMMANDS.items()}
     rows = [f"  {name:<10} {sentence.rstrip('.')}." for name, sentence in sentences.items()]
     return "\n".join(["kitchen-suite COMMAND [--help] runs one of the commands:\n", *rows])

@@ -5,8 +5,6 @@ import pkgutil
 from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
-REQUIREMENT = "dm-control >= 1.0.50, < 1.1"
-
 # By class. Most are attributes of instances, some are methods.
 PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -51,10 +49,10 @@ PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 def check_private_names(required: Mapping[str, Collection[str]] = PRIVATE_NAMES) -> None:
     """Raises an ImportError unless the installed dm_control has the required names, by class."""
-    missing = [f"{path}.{name}" for path, names in required.items() for name in sorted(set(names) - names_of(path))]
-    if missing:
+    if missing := [f"{path}.{name}" for path, names in required.items() for name in sorted({*names} - names_of(path))]:
         installed = importlib.metadata.version("dm-control")
-        raise ImportError(f"dm-control {installed} has no {', '.join(missing)}; kitchen_suite needs {REQUIREMENT}")
+        needed = "dm-control >= 1.0.50, < 1.1"
+        raise ImportError(f"dm-control {installed} has no {', '.join(missing)}; kitchen_suite needs {needed}")
 
 
 def names_of(path: str) -> set[str]:

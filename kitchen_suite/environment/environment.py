@@ -34,15 +34,9 @@ PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 # Keys of states: the physics, where it is not the exact one, and what sleeps, where objects may.
 _PHYSICS_NAME, _ASLEEP = "physics_name", "asleep"
 
-# Applied forces and torques, six numbers for each body. MuJoCo concatenates the parts in the order of these flags.
-_BODY_FORCES = mujoco.mjtState.mjSTATE_XFRC_APPLIED
-
 
 class Physics(mjcf.Physics):
-    """`mjcf.Physics` that keeps the scenes it renders.
-
-    Where nothing can be rendered, `render` raises a RuntimeError that names the remedy.
-    """
+    """`mjcf.Physics` that keeps the scenes it renders; where it can render none, a RuntimeError names the remedy."""
 
     def render(
         self, height: int = 240, width: int = 320, camera_id: int | str = -1, *arguments: Any, **options: Any
@@ -91,12 +85,12 @@ class PhysicsState:
         """Finds the elements of MuJoCo's state vector that the scene has with and without visuals."""
         self._model = model
         self._is_shared = np.ones(mujoco.mj_stateSize(model, PHYSICS_STATE), bool)
-        start = mujoco.mj_stateSize(model, int(PHYSICS_STATE) & (int(_BODY_FORCES) - 1))
+        # Six numbers for each body, after the parts of the lower flags: MuJoCo concatenates in the flags' order.
+        start = mujoco.mj_stateSize(model, int(PHYSICS_STATE) & (int(mujoco.mjtState.mjSTATE_XFRC_APPLIED) - 1))
         forces = self._is_shared[start : start + 6 * model.nbody].reshape(model.nbody, 6)
         forces[:] = [[not model.body(i).name.endswith(VISUAL_BODY)] for i in range(model.nbody)]
 
     def read(self, data: mujoco.MjData) -> NDArray[np.float64]:
-        """Returns the state."""
         state = np.empty(self._is_shared.size)
         mujoco.mj_getState(self._model, data, state, PHYSICS_STATE)
         return state[self._is_shared]
@@ -121,10 +115,7 @@ def check_sleep(tree_asleep: NDArray[np.int32]) -> None:
 def write_sleep(model: mujoco.MjModel, data: mujoco.MjData, tree_asleep: NDArray[np.int32]) -> None:
     """Sets which kinematic trees sleep, and what MuJoCo derives from it; `mj_setState` wakes all.
 
-    Args:
-      model: of the scene.
-      data: whose state has been set.
-      tree_asleep: `(ntree,)`, as MuJoCo's field of this name: not negative where a tree sleeps.
+    `tree_asleep` `(ntree,)` is as MuJoCo's field of this name: not negative where a tree sleeps.
     """
     data.tree_asleep[:] = tree_asleep
     data.tree_awake[:] = tree_asleep < 0
@@ -157,42 +148,25 @@ class UnbufferedUpdater(observation.Updater):
     It then reads each observable once per control step. Observations and the draws of corruptors are the same.
     """
 
-    def __init__(
-        self,
-        observables: Mapping[str, observable.Observable],
-        physics_steps_per_control_step: int,
-        strip_singleton_buffer_dim: bool,
-        pad_with_initial_value: bool,
-    ) -> None:
-        """Builds the updater; arguments as of composer's, with the observables in a single dict."""
-        super().__init__(
-            observables, physics_steps_per_control_step, strip_singleton_buffer_dim, pad_with_initial_value
-        )
-        self._bypasses_buffers = False
+    _bypasses_buffers = False
 
     def reset(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         # composer reads the observation once when it has compiled the model, and again when an episode starts. Only the
         # latter is returned: an environment is built without a GL context, so that a process can build one and fork.
-        is_compiling = self._enabled_structure is None
-        if is_compiling:
-            self._cover_cameras(True)
+        cameras = [part for part in self._observables.values() if isinstance(part, PictureCamera)]
+        for camera in cameras:
+            camera.is_covered = self._enabled_structure is None
         super().reset(physics, random_state)
-        if is_compiling:
-            self._cover_cameras(False)
-        enabled = [part for part in self._observables.values() if part.enabled]
+        for camera in cameras:
+            camera.is_covered = False
         self._bypasses_buffers = self._strip_singleton_buffer_dim and all(
-            is_unbuffered(part) and not part.aggregator for part in enabled
+            is_unbuffered(part) and not part.aggregator for part in self._observables.values() if part.enabled
         )
         self._readers = [
             (name, buffered.observation_callable, buffered.buffer.dtype)
             for name, buffered in self._enabled_structure.items()
         ]
         self._observation: collections.OrderedDict[str, np.ndarray] = super().get_observation()
-
-    def _cover_cameras(self, is_covered: bool) -> None:
-        for part in self._observables.values():
-            if isinstance(part, PictureCamera):
-                part.is_covered = is_covered
 
     def skip(self, steps: int) -> None:
         """Counts physics steps of the present control step without updating the observables."""
@@ -259,9 +233,8 @@ class Environment(composer.Environment):
         self._plan_substeps()
 
     def __repr__(self) -> str:
-        return (
-            f"Environment({self._task!r}, control_timestep={self.control_timestep():g}, step_limit={self._step_limit})"
-        )
+        timestep = self.control_timestep()
+        return f"Environment({self._task!r}, control_timestep={timestep:g}, step_limit={self._step_limit})"
 
     @property
     def random_state(self) -> np.random.RandomState:
@@ -299,9 +272,9 @@ class Environment(composer.Environment):
         if timestep.mid() and self._step_count >= self._step_limit:
             self._reset_next_step = True
             timestep = timestep._replace(step_type=dm_env.StepType.LAST)
-        if not self._flat_observation:
-            return timestep
-        return timestep._replace(observation=self._flatten(timestep.observation))
+        return (
+            timestep._replace(observation=self._flatten(timestep.observation)) if self._flat_observation else timestep
+        )
 
     def observation_spec(self) -> collections.OrderedDict[str, specs.Array]:
         spec = super().observation_spec()
@@ -323,10 +296,7 @@ class Environment(composer.Environment):
         self._reset_next_step = False
 
     def get_state(self) -> dict[str, Any]:
-        """Returns the state on which later steps depend: physics, task, random state, step count.
-
-        It is the same with and without visuals.
-        """
+        """Returns physics, task, random state and step count, on which later steps depend, alike without visuals."""
         scene = self._task.scene
         return {
             "physics": self._physics_state.read(self._physics.data.ptr),
@@ -386,7 +356,6 @@ class Environment(composer.Environment):
 
     @property
     def _physics_steps(self) -> int:
-        """Physics steps in a control step."""
         return self._overridden_n_sub_steps or self._task.physics_steps_per_control_step
 
     def _plan_substeps(self) -> None:
@@ -403,7 +372,8 @@ class Environment(composer.Environment):
 
         Without substep hooks and buffered observables only the last state matters. The loop then runs once.
         """
-        needs_each = self._has_substep_hooks() or self._has_buffered_observables()
+        observables = self._task.observables.values()
+        needs_each = any(part.enabled and not is_unbuffered(part) for part in observables) or self._has_substep_hooks()
         self._steps_per_call = 1 if needs_each else self._physics_steps
         self._n_sub_steps = self._physics_steps // self._steps_per_call
 
@@ -416,10 +386,6 @@ class Environment(composer.Environment):
             or cls.after_substep is not composer.Task.after_substep
             or any(hook.entity_hooks or hook.extra_hooks for hook in hooks)
         )
-
-    def _has_buffered_observables(self) -> bool:
-        """Whether an enabled observable has a delay, a buffer or an update interval of its own."""
-        return any(part.enabled and not is_unbuffered(part) for part in self._task.observables.values())
 
     def _substep(self, action: ArrayLike) -> None:
         if self._steps_per_call == 1:

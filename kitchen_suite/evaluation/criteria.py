@@ -5,12 +5,15 @@ right, bottom left, top right and top left burner (9 to 16), light switch and li
 and right door of the hinge cabinet (20, 21), microwave (22), position and quaternion of the kettle (23 to 29) [rad, m].
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+States = NDArray[np.float64]
 
 # The state among the 59 numbers that the kitchen observes.
 STATE = np.r_[0:9, 18:39]
@@ -30,10 +33,7 @@ _LEXA_VALUES: Mapping[str, Mapping[int, float]] = MappingProxyType(
 # LEXA's twelve goals, by the objects that each moves: six single ones, of METRA too, and six pairs; lines 158 to 168.
 LEXA_SINGLES = tuple((name,) for name in _LEXA_VALUES)
 _PAIRED = ("light_switch", "slide_cabinet", "hinge_cabinet", "kettle")
-LEXA_GOALS = (
-    *LEXA_SINGLES,
-    *((one, other) for place, one in enumerate(_PAIRED) for other in _PAIRED[place + 1 :]),
-)
+LEXA_GOALS = (*LEXA_SINGLES, *itertools.combinations(_PAIRED, 2))
 
 # Below these positions a knob, or the switch, counts as turned on; lines 94 to 96.
 _KNOB_ON, _SWITCH_ON = -0.38, -0.25
@@ -42,8 +42,6 @@ _KNOB_ON, _SWITCH_ON = -0.38, -0.25
 _EARL_GOAL = np.array(
     [2.456005e-05, 2.9547007e-07, *[2.4559975e-05, 2.954692e-07] * 3, 2.161876e-05, 5.0806757e-06, 0.0, 0.0, 0.0, 0.0]
 )
-_EARL_COLUMNS = slice(9, 23)
-_EARL_DISTANCE = 0.3
 
 # Positions of the robot's joints in the goal that GAS gives its policy; `D_utils/kitchen_utils.py` of
 # qortmdgh4141/GAS, line 43.
@@ -78,7 +76,7 @@ COLUMNS: Mapping[str, slice] = MappingProxyType(
 )
 
 
-def lexa_goal(start: NDArray[np.float64], objects: tuple[str, ...]) -> NDArray[np.float64]:
+def lexa_goal(start: States, objects: tuple[str, ...]) -> States:
     """Returns the state of a goal of LEXA: a start `(30,)` with some objects elsewhere."""
     goal = start.copy()
     for name in objects:
@@ -87,7 +85,7 @@ def lexa_goal(start: NDArray[np.float64], objects: tuple[str, ...]) -> NDArray[n
     return goal
 
 
-def lexa_objects(states: NDArray[np.float64], goal: NDArray[np.float64]) -> dict[str, NDArray[np.bool_]]:
+def lexa_objects(states: States, goal: States) -> dict[str, NDArray[np.bool_]]:
     """Returns for each object of LEXA whether it is where a goal `(30,)` has it; lines 88 to 97."""
 
     def same_side(column: int, limit: float) -> NDArray[np.bool_]:
@@ -106,31 +104,29 @@ def lexa_objects(states: NDArray[np.float64], goal: NDArray[np.float64]) -> dict
     }
 
 
-def lexa_task_relevant(states: NDArray[np.float64], objects: tuple[str, ...]) -> bool:
+def lexa_task_relevant(states: States, objects: tuple[str, ...]) -> bool:
     """Returns whether in some state `(T, 30)` after the first, the start, the objects of a goal are all there."""
     found = lexa_objects(states[1:], lexa_goal(states[0], objects))
     return bool(np.all([found[name] for name in objects], axis=0).any())
 
 
-def lexa_all_objects(states: NDArray[np.float64], objects: tuple[str, ...]) -> bool:
+def lexa_all_objects(states: States, objects: tuple[str, ...]) -> bool:
     """Returns the same of all objects, those that a goal leaves where they start included."""
     found = lexa_objects(states[1:], lexa_goal(states[0], objects))
     return bool(np.all([*found.values()], axis=0).any())
 
 
-def earl_success(states: NDArray[np.float64]) -> bool:
-    """Returns whether in some state `(T, 30)` after the first everything is shut and off, as EARL measures it."""
-    distances = np.linalg.norm(states[1:, _EARL_COLUMNS] - _EARL_GOAL, axis=-1)
-    return bool((distances <= _EARL_DISTANCE).any())
+def earl_success(states: States) -> bool:
+    """Returns whether in some state `(T, 30)` after the first everything is shut and off, by EARL's distance of 0.3."""
+    return bool((np.linalg.norm(states[1:, 9:23] - _EARL_GOAL, axis=-1) <= 0.3).any())
 
 
-def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> NDArray[np.float64]:
+def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> States:
     """Returns the goal `(30,)` that goal-conditioned policies of D4RL's kitchen are given.
 
-    Args:
-      goals: of D4RL's tasks, such as the `desired_goal` of an observation; the other objects are at 0, as in D4RL.
-      robot: `(9,)`, positions of the robot's joints: `GAS_ROBOT`, or for HIQL those of the first observation of its
-        data; D4RL's own are 0.
+    `goals` are of D4RL's tasks, such as the `desired_goal` of an observation; the other objects are at 0, as in D4RL.
+    `robot` `(9,)` are positions of the robot's joints: `GAS_ROBOT`, or for HIQL those of the first observation of its
+    data; D4RL's own are 0.
     """
     goal = np.zeros(30)
     goal[:9] = robot
@@ -139,30 +135,21 @@ def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> NDArray[np.f
     return goal
 
 
-def last_frames(
-    states: NDArray[np.float64], completed: Sequence[str], generator: np.random.Generator
-) -> dict[str, Any] | None:
+def last_frames(states: States, completed: Sequence[str], generator: np.random.Generator) -> dict[str, Any] | None:
     """Returns the options of a reset that ask for what a demonstration did: its tasks, and its last states.
 
-    Args:
-      states: `(T + 1, 30)`, of the demonstration.
-      completed: the tasks that it completed, in order; None is returned if there are none.
-      generator: not drawn from.
+    None is returned if it completed no tasks. `states` are `(T + 1, 30)`; `generator` is not drawn from.
     """
     if not completed:
         return None
     return {"requested_tasks": [*completed], "goal_states": states[-BESO_FRAMES:].tolist()}
 
 
-def later_state(
-    states: NDArray[np.float64], completed: Sequence[str], generator: np.random.Generator
-) -> dict[str, Any] | None:
+def later_state(states: States, completed: Sequence[str], generator: np.random.Generator) -> dict[str, Any] | None:
     """Returns the options of a reset that start in a state of an episode, and ask for the one `GOAL_OFFSET` later.
 
-    Args:
-      states: `(T + 1, 30)`, of the episode; None is returned if nothing moves far enough.
-      completed: not used.
-      generator: that the start is drawn from, of all in which the goal is not yet reached.
+    The start is drawn from all `states` `(T + 1, 30)` in which the goal is not yet reached; None is returned if nothing
+    moves far enough. `completed` is not used.
     """
     starts, goals = states[:-GOAL_OFFSET], states[GOAL_OFFSET:]
     firsts = np.flatnonzero(_distances(starts, goals) > _GOAL_DISTANCE)
@@ -172,7 +159,7 @@ def later_state(
     return {"start_state": starts[first].tolist(), "goal_states": goals[[first]].tolist()}
 
 
-def goal_reached(states: NDArray[np.float64], goals: NDArray[np.float64]) -> bool:
+def goal_reached(states: States, goals: States) -> bool:
     """Returns whether in some state `(T, 30)` after the first all objects are where the last goal `(k, 30)` has them.
 
     The Euclidean distance of their 21 positions is at most 0.1.
@@ -180,6 +167,6 @@ def goal_reached(states: NDArray[np.float64], goals: NDArray[np.float64]) -> boo
     return bool((_distances(states[1:], goals[-1]) <= _GOAL_DISTANCE).any())
 
 
-def _distances(states: NDArray[np.float64], goals: NDArray[np.float64]) -> NDArray[np.float64]:
+def _distances(states: States, goals: States) -> NDArray[np.float64]:
     distances: NDArray[np.float64] = np.linalg.norm(states[..., _OBJECTS] - goals[..., _OBJECTS], axis=-1)
     return distances

@@ -3,7 +3,6 @@
 import collections
 import contextlib
 import dataclasses
-import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -20,32 +19,17 @@ from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import cameras
-from kitchen_suite.rollouts.episode import EpisodeBuffer
-from kitchen_suite.rollouts.report import EpisodeBar, print_line, table
-from kitchen_suite.rollouts.rollout import (
-    Controller,
-    EndedEpisode,
-    PolicyController,
-    SingleRollout,
-    VectorRollout,
-)
+from kitchen_suite.rollouts.episode import EpisodeBuffer, Waiting
+from kitchen_suite.rollouts.report import EpisodeBar, counted, print_line, table
+from kitchen_suite.rollouts.rollout import Controller, EndedEpisode, PolicyController, SingleRollout, VectorRollout
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.rollouts.views import Page, PageStep
 from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Scores that are means in a unit of their own; all others are rates.
-_MEANS = {
-    "mean_tasks": "mean tasks",
-    "mean_progress": "mean progress",
-    "control_steps": "control steps",
-    "score": "score",
-    "d4rl_score": "D4RL score",
-    "subtasks": "subtasks",
-    "mean_reward": "mean reward",
-    "mean_length": "mean length",
-}
+# Beginnings of the names of scores that are means in a unit of their own; all others are rates.
+_MEANS = ("mean_", "control_steps", "score", "d4rl_score", "subtasks")
 _ENTROPY = "order entropy [bit]"
 
 
@@ -56,7 +40,7 @@ def format_heading(plan: EvaluationPlan) -> str:
     return (
         f"{first.domain_name}, policy {policies.without_file(first.policy)}, protocol {plan.protocol}, "
         f"{first.variations if len(varied) == 1 else 'variations by condition'}: "
-        f"{_episodes(plan.num_episodes)}{each}, seeds from {first.seed}"
+        f"{counted(plan.num_episodes)}{each}, seeds from {first.seed}"
     )
 
 
@@ -67,18 +51,21 @@ def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[
     rows = [(_label(key), _text(key, scores[key]), _interval(key, intervals[key])) for key in intervals]
     if entropy := _entropy(scores):
         rows.append((_ENTROPY, entropy, ""))
-    parts = [table((title, _episodes(num_episodes), "95 % interval"), rows)]
+    parts = [table((title, counted(num_episodes), "95 % interval"), rows)]
     if "task_rates" in scores:
         tasks = [
-            (task, _percent(row["rate"]), _interval("rate", row["interval"]), f"{row['completed']} of {row['asked']}")
+            (
+                task,
+                _text("rate", row["rate"]),
+                _interval("rate", row["interval"]),
+                f"{row['completed']} of {row['asked']}",
+            )
             for task, row in scores["task_rates"].items()
         ]
         parts.append(table(("task", "completed", "95 % interval", "where asked"), tasks))
     if diverged := scores["diverged_seeds"]:
-        episodes = _episodes(len(diverged))
-        parts.append(
-            f"the physics diverged in {episodes}, counted as failures that completed nothing: seeds {diverged}"
-        )
+        where = f"the physics diverged in {counted(len(diverged))}"
+        parts.append(f"{where}, counted as failures that completed nothing: seeds {diverged}")
     return "\n\n".join(parts)
 
 
@@ -92,20 +79,16 @@ def format_summary(scores: Mapping[str, Mapping[str, Any]]) -> str:
     return table(("condition", *map(_label, keys), _ENTROPY), rows)
 
 
-def _episodes(count: int) -> str:
-    return f"{count} episode" + ("s" if count > 1 else "")
-
-
 def _entropy(scores: Mapping[str, Any]) -> str:
     return f"{scores['order_entropy']:.2f}" if "order_entropy" in scores else ""
 
 
 def _label(key: str) -> str:
-    return _MEANS.get(key, key).replace("_", " ")
+    return key.replace("_", " ").replace("d4rl", "D4RL")
 
 
 def _text(key: str, value: float) -> str:
-    return f"{value:.4g}" if key in _MEANS else _percent(value)
+    return f"{value:.4g}" if key.startswith(_MEANS) else f"{100 * value:.1f} %"
 
 
 def _interval(key: str, interval: list[float] | None) -> str:
@@ -115,18 +98,10 @@ def _interval(key: str, interval: list[float] | None) -> str:
     return f"{low} to {high}"
 
 
-def _percent(value: float) -> str:
-    return f"{100 * value:.1f} %"
-
-
 class EpisodePage:
-    """Plays the first episodes of each condition again, one by one, for a web page, if one is asked for.
-
-    An episode depends on nothing but its seed: these are the episodes that were evaluated.
-    """
+    """Plays the first episodes of each condition again, as they were evaluated, for a web page, if one is asked for."""
 
     def __init__(self, settings: EvaluateSettings, plan: EvaluationPlan) -> None:
-        """Checks that the page can be made."""
         self._settings, self._plan = settings, plan
         self._count = min(settings.web_episodes, plan.num_episodes)
         self._page = Page(settings, num_episodes=self._count * len(plan.specs))
@@ -135,7 +110,6 @@ class EpisodePage:
                 cameras.find_camera(suite_env(environment).environment.physics, settings.camera)
 
     def write(self) -> None:
-        """Plays the episodes, and writes the page."""
         if self._settings.web is None:
             return
         with self._page.open() as show:
@@ -167,7 +141,6 @@ class EvaluateJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: EvaluateSettings) -> None:
-        """Prepares the evaluation, so that bad settings are refused before the first episode."""
         if settings.resume and settings.output is None:
             raise ValueError("--resume needs --output, the folder of the evaluation")
         self._settings, self._plan = settings, make_plan(settings)
@@ -201,24 +174,17 @@ class EvaluateJob:
             print_line(f"\n{table(('over all conditions', ''), rows)}")
         if self._settings.json:
             with files.atomic_write(self._settings.json) as partial:
-                partial.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
+                files.write_json(partial, written, indent=1)
         if self._settings.receipt:
-            self._receipt(written).write(self._settings.receipt)
+            results = {name: self._results(name) for name in plan.specs}
+            traces = {name: [Trace.from_text(result.trace) for result in each] for name, each in results.items()}
+            receipt = Receipt(evaluation=written, replaced=plan.replaced, results=results, traces=traces)
+            receipt.write(self._settings.receipt)
         self._page.write()
         return True
 
     def _results(self, name: str) -> list[EpisodeResult]:
-        """Returns the results of a condition, whose episodes have all ended."""
         return [self._folder.results[name, index] for index in range(self._plan.num_episodes)]
-
-    def _receipt(self, evaluation: Mapping[str, Any]) -> Receipt:
-        results = {name: self._results(name) for name in self._plan.specs}
-        return Receipt(
-            evaluation=evaluation,
-            replaced=self._plan.replaced,
-            results=results,
-            traces={name: [Trace.from_text(result.trace) for result in each] for name, each in results.items()},
-        )
 
     def _open_folder(self) -> EvaluationFolder:
         settings = self._settings
@@ -230,12 +196,10 @@ class EvaluateJob:
 
     @property
     def _seeds(self) -> dict[Key, int]:
-        """Seeds of all episodes."""
         plan = self._plan
         return {(name, index): plan.first.seed + index for name in plan.specs for index in range(plan.num_episodes)}
 
     def _play(self, name: str, spec: EpisodeSpec, bar: EpisodeBar) -> None:
-        """Plays the missing episodes of a condition."""
         plan = self._plan
         waiting = collections.deque(
             (index, seed)
@@ -285,19 +249,14 @@ def play(
     plan: EvaluationPlan,
     environments: SuiteVectorEnv,
     controller: Controller,
-    waiting: collections.deque[tuple[int, int]],
+    waiting: Waiting,
     *,
     recorded: bool,
 ) -> Iterator[tuple[EpisodeResult, Trace | None]]:
-    """Yields result and trace of each episode of a condition as it ends.
+    """Yields result and trace of each episode of the condition of a name as it ends.
 
-    Args:
-      name: of the condition.
-      plan: of the evaluation.
-      environments: in which they are played.
-      controller: acts in them.
-      waiting: numbers and seeds of the episodes.
-      recorded: whether traces are recorded, which takes some percent of the time; otherwise they are None.
+    `waiting` has the numbers and seeds of the episodes. Unless they are `recorded`, which takes some percent of the
+    time, traces are None.
     """
     spec, measures, resets = plan.specs[name], plan.measures[name], plan.resets.get(name, ())
     recorder = TraceRecorder(environments, controller) if recorded or measures else None

@@ -8,59 +8,39 @@ from typing import Any
 from kitchen_suite import files
 from kitchen_suite.evaluation.results import EpisodeResult
 
-DESCRIPTION_FILE = "evaluation.json"
-EPISODES_FILE = "episodes.jsonl"
+DESCRIPTION_FILE, EPISODES_FILE = "evaluation.json", "episodes.jsonl"
 _EVALUATION = files.DescribedFolder(
     DESCRIPTION_FILE, "an evaluation", EPISODES_FILE, "continue it with --resume, or name another folder"
 )
-
-# Bound of the lines together [bytes]: a hundred thousand episodes take less.
-_MAX_BYTES = 2**30
 
 # Name of the condition, and number of the episode in it.
 Key = tuple[str, int]
 
 
 class EvaluationFolder:
-    """Keeps the results of episodes, in a folder if there is one, so that an interrupted evaluation can be continued.
-
-    Attributes:
-      results: of the finished episodes.
-    """
-
-    results: dict[Key, EpisodeResult]
+    """Keeps the results of episodes, in a folder if there is one, so that an interrupted evaluation can go on."""
 
     def __init__(self, folder: Path | None = None) -> None:
         """Begins without results, which are lost at the end where there is no folder; see `create` and `resume`."""
         self._path = folder and folder / EPISODES_FILE
         self._evaluation = files.file_digest(folder / DESCRIPTION_FILE) if folder else ""
-        self.results = {}
+        self.results: dict[Key, EpisodeResult] = {}
 
     @classmethod
     def create(cls, folder: Path, description: Mapping[str, Any]) -> "EvaluationFolder":
-        """Starts a new evaluation.
-
-        Of several processes that start evaluations in one folder at the same time, one succeeds.
-        """
+        """Starts a new evaluation; of several processes that do so in one folder at the same time, one succeeds."""
         _EVALUATION.create(folder, description)
         return cls(folder)
 
     @classmethod
     def resume(cls, folder: Path, description: Mapping[str, Any], seeds: Mapping[Key, int]) -> "EvaluationFolder":
-        """Continues an evaluation; a last line that a killed process left unfinished is removed.
-
-        Args:
-          folder: of the evaluation.
-          description: of the evaluation.
-          seeds: of all its episodes.
-        """
+        """Continues an evaluation of given seeds; a last line that a killed process left unfinished is removed."""
         _EVALUATION.resume(folder, _EVALUATION.load(folder), description)
         opened = cls(folder)
         opened._read(folder / EPISODES_FILE, seeds)
         return opened
 
     def add(self, result: EpisodeResult) -> None:
-        """Adds the result of an episode, a line at the end of the file."""
         if self._path:
             with self._path.open("ab") as file:
                 file.write(result.as_line(self._evaluation) + b"\n")
@@ -71,7 +51,8 @@ class EvaluationFolder:
         if not path.exists():
             return
         with files.reading(path, "the episodes of an evaluation"):
-            files.check_size(path.stat().st_size, _MAX_BYTES)
+            # A hundred thousand episodes take less.
+            files.check_size(path.stat().st_size, 2**30)
             *lines, torn = path.read_bytes().split(b"\n")
             for number, line in enumerate(lines, start=1):
                 try:

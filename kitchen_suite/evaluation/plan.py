@@ -21,9 +21,6 @@ from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.settings import MAX_COUNT, MAX_EPISODE_STEPS, EvaluateSettings
 
-# Distinguishes the random stream of an episode's goals from those of its environment and its policy.
-_GOAL_STREAM = 2
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EvaluationPlan:
@@ -33,26 +30,42 @@ class EvaluationPlan:
       protocol: its name.
       specs: specifications of the episodes by the names of the conditions.
       num_episodes: of each condition.
-      score: a published score; None if the protocol has none, or if it is for other tasks.
-      measures: further measures of episodes, by the names of the conditions.
-      resets: options of the reset of each episode, as JSON, by the names of the conditions; empty where the seeds say
-        it all.
+      resets: options of the reset of each episode, as JSON, by condition; empty where the seeds say it all.
     """
 
     protocol: str
     specs: Mapping[str, EpisodeSpec]
     num_episodes: int
-    score: Score | None
-    measures: Mapping[str, Mapping[str, Measure]]
     resets: Mapping[str, Sequence[dict[str, Any]]] = dataclasses.field(default_factory=dict)
 
+    @property
+    def conditions(self) -> dict[str, Condition]:
+        """The protocol's condition by each name; one of no further measures where its task was replaced.
+
+        Goals are those of the protocol for any task.
+        """
+        protocol = PROTOCOLS[self.protocol]
+        own = {(condition.name, condition.task_name): condition for condition in protocol.conditions}
+        replaced = Condition(goals=protocol.conditions[0].goals)
+        return {name: own.get((name, spec.task_name), replaced) for name, spec in self.specs.items()}
+
+    @property
+    def measures(self) -> dict[str, Mapping[str, Measure]]:
+        """Further measures of episodes, by condition."""
+        return {name: condition.measures for name, condition in self.conditions.items()}
+
+    @property
+    def score(self) -> Score | None:
+        """The published score of the protocol, if it has one, unless the episodes are of other tasks."""
+        protocol = PROTOCOLS[self.protocol]
+        own_tasks = {condition.task_name for condition in protocol.conditions}
+        return protocol.score if {spec.task_name for spec in self.specs.values()} <= own_tasks else None
+
     def reset_options(self, name: str, index: int) -> dict[str, Any]:
-        """Returns the options of the reset of an episode of a condition."""
         return self.resets[name][index] if name in self.resets else {}
 
     @property
     def first(self) -> EpisodeSpec:
-        """Specification of the first condition."""
         return next(iter(self.specs.values()))
 
     @property
@@ -66,7 +79,7 @@ class EvaluationPlan:
             "seed": first.seed,
             "num_episodes": self.num_episodes,
             "max_episode_steps": first.max_episode_steps,
-            **({"goals_sha256": _digest(self.resets)} if self.resets else {}),
+            **({"goals_sha256": hashlib.sha256(json.dumps(self.resets).encode()).hexdigest()} if self.resets else {}),
             "versions": dict(first.versions),
             "conditions": {name: _described(spec) for name, spec in self.specs.items()},
         }
@@ -82,44 +95,41 @@ class EvaluationPlan:
     def of(
         cls, description: Mapping[str, Any], resets: Mapping[str, list[dict[str, Any]]] | None = None
     ) -> "EvaluationPlan":
-        """Returns the plan of a description, with what the policy has observed, but not prepared for the policy.
-
-        Args:
-          description: of the plan.
-          resets: attribute of this name; none when omitted.
-
-        Raises:
-          TypeError, ValueError: it is of another version of the suite, or no description.
-        """
+        """Returns the plan of a description, unprepared; a TypeError or ValueError for one of another version."""
         record = files.parse(description, _Description, "not the description of an evaluation")
         domain = suite.DOMAINS[checks.choice(record.domain_name, suite.DOMAINS, "domain")]
         protocol = find_protocol(record.protocol, domain.name)
         specs = {}
         for name, condition in record.conditions.items():
-            environments = EnvironmentSpec.make(
-                domain_name=domain.name,
-                task_name=condition.task_name,
-                task_kwargs=condition.task_kwargs,
-                max_episode_steps=record.max_episode_steps,
-            )
+            task_name, kwargs = condition.task_name, condition.task_kwargs
+            environments = EnvironmentSpec.make(domain.name, task_name, kwargs, record.max_episode_steps)
             played = environments.episodes(policy="zero", seed=record.seed, seeding="gymnasium")
             specs[name] = dataclasses.replace(
                 played, policy=record.policy, policy_sha256=condition.policy_sha256, versions=record.versions
             )
-        return cls(
-            protocol=protocol.name,
-            specs=specs,
-            num_episodes=record.num_episodes,
-            score=_score(protocol, specs),
-            measures={name: condition.measures for name, condition in _own_conditions(protocol, specs).items()},
-            resets=_checked(resets or {}, protocol, specs, record.num_episodes),
-        )
+        return cls(protocol=protocol.name, specs=specs, num_episodes=record.num_episodes).with_resets(resets or {})
+
+    def with_resets(self, resets: Mapping[str, list[dict[str, Any]]]) -> "EvaluationPlan":
+        """Returns the plan with options of resets; a ValueError unless the conditions with goals have some that fit."""
+        wanted = {name for name, condition in self.conditions.items() if condition.goals}
+        if resets.keys() != wanted:
+            raise ValueError(f"episodes of {sorted(resets)} have goals of their own, not of {sorted(wanted)}")
+        for name, each in resets.items():
+            with contextlib.closing(self.specs[name].make_environment()) as environment:
+                requests = suite_env(environment).composer_task.requests
+            for options in each:
+                if not options or not options.keys() <= {*requests.options}:
+                    raise ValueError(
+                        f"options of the reset of an episode of {name} are no goals: {checks.shown(options)}"
+                    )
+                requests.checked(options)
+            if len(each) != self.num_episodes:
+                raise ValueError(f"{len(each)} episodes of {name} have goals of their own, not {self.num_episodes}")
+        return dataclasses.replace(self, resets=dict(resets))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Condition:
-    """A condition in a description."""
-
     task_name: str
     task_kwargs: dict[str, Any]
     policy_sha256: str | None
@@ -144,56 +154,19 @@ def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
     """Plans the evaluation that a command asks for, and builds the policy once in each condition."""
     plan = _unprepared(settings)
     prepared = {name: spec.prepared() for name, spec in plan.specs.items()}
-    return dataclasses.replace(plan, specs=prepared, resets=_resets(plan, settings.dataset))
-
-
-def _resets(plan: EvaluationPlan, dataset: Path | None) -> dict[str, list[dict[str, Any]]]:
-    """Returns the options of the resets of all episodes whose goals are taken from a recording, by condition."""
-    protocol = PROTOCOLS[plan.protocol]
-    goals = {name: condition.goals for name, condition in _own_conditions(protocol, plan.specs).items()}
-    taken = {name: take for name, take in goals.items() if take}
-    if dataset is None and taken:
-        raise ValueError(f"protocol {plan.protocol!r} needs --dataset, the folder of a recording to take goals from")
-    if dataset is None:
-        return {}
+    taken = {name: condition.goals for name, condition in plan.conditions.items() if condition.goals}
+    if settings.dataset is None:
+        if taken:
+            raise ValueError(
+                f"protocol {plan.protocol!r} needs --dataset, the folder of a recording to take goals from"
+            )
+        return dataclasses.replace(plan, specs=prepared)
     if not taken:
         raise ValueError(f"protocol {plan.protocol!r} takes no goals from a --dataset")
-    recorded = _Recorded(dataset, plan.first.domain_name)
-    resets = {
-        name: [recorded.options(take, plan.first.seed + index) for index in range(plan.num_episodes)]
-        for name, take in taken.items()
-    }
-    return _checked(resets, protocol, plan.specs, plan.num_episodes)
-
-
-def _checked(
-    resets: Mapping[str, list[dict[str, Any]]], protocol: Protocol, specs: Mapping[str, EpisodeSpec], count: int
-) -> dict[str, list[dict[str, Any]]]:
-    """Returns the options of resets; raises a ValueError unless they are of the conditions with goals, and fit these.
-
-    Args:
-      resets: by condition.
-      protocol: of the evaluation.
-      specs: by condition.
-      count: number of episodes of each condition.
-    """
-    wanted = {name for name, condition in _own_conditions(protocol, specs).items() if condition.goals}
-    if resets.keys() != wanted:
-        raise ValueError(f"episodes of {sorted(resets)} have goals of their own, not of {sorted(wanted)}")
-    for name, each in resets.items():
-        with contextlib.closing(specs[name].make_environment()) as environment:
-            requests = suite_env(environment).composer_task.requests
-        for options in each:
-            if not options or not options.keys() <= {*requests.options}:
-                raise ValueError(f"options of the reset of an episode of {name} are no goals: {checks.shown(options)}")
-            requests.checked(options)
-        if len(each) != count:
-            raise ValueError(f"{len(each)} episodes of {name} have goals of their own, not {count}")
-    return dict(resets)
-
-
-def _digest(resets: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(resets).encode()).hexdigest()
+    recorded = _Recorded(settings.dataset, plan.first.domain_name)
+    seeds = range(plan.first.seed, plan.first.seed + plan.num_episodes)
+    resets = {name: [recorded.options(take, seed) for seed in seeds] for name, take in taken.items()}
+    return dataclasses.replace(plan.with_resets(resets), specs=prepared)
 
 
 class _Recorded:
@@ -212,7 +185,8 @@ class _Recorded:
 
     def options(self, take: Goals, seed: int) -> dict[str, Any]:
         """Returns the options of the reset of a seed, of an episode that is drawn, by a function of it."""
-        generator = np.random.default_rng((seed, _GOAL_STREAM))
+        # The 2 tells the random stream of an episode's goals from those of its environment and its policy.
+        generator = np.random.default_rng((seed, 2))
         for index in generator.permutation(self._folder.indices).tolist():
             states, completed = self._episode(index)
             if (options := take(states, completed, generator)) is not None:
@@ -233,20 +207,12 @@ class _Recorded:
 
 
 def _unprepared(settings: EvaluateSettings) -> EvaluationPlan:
-    """Returns the plan of an evaluation, without what the policy needs."""
     protocol = find_protocol(settings.protocol, settings.domain_name)
-    specs = _specs(protocol, settings)
-    return EvaluationPlan(
-        protocol=protocol.name,
-        specs=specs,
-        num_episodes=protocol.num_episodes if settings.num_episodes is None else settings.num_episodes,
-        score=_score(protocol, specs),
-        measures={name: condition.measures for name, condition in _own_conditions(protocol, specs).items()},
-    )
+    count = protocol.num_episodes if settings.num_episodes is None else settings.num_episodes
+    return EvaluationPlan(protocol=protocol.name, specs=_specs(protocol, settings), num_episodes=count)
 
 
 def _values(plan: EvaluationPlan) -> dict[str, Any]:
-    """Returns what a protocol fixes, by name."""
     first = plan.first
     single = {"seed": first.seed, "num_episodes": plan.num_episodes, "max_episode_steps": first.max_episode_steps}
     conditions = {name: _described(spec) for name, spec in plan.specs.items()}
@@ -254,25 +220,6 @@ def _values(plan: EvaluationPlan) -> dict[str, Any]:
         condition["task_kwargs"].pop("extra_observables", None)
         del condition["policy_sha256"]
     return {**single, "conditions": [*conditions.items()]}
-
-
-def _score(protocol: Protocol, specs: Mapping[str, EpisodeSpec]) -> Score | None:
-    """Returns the published score of a protocol, unless the episodes are of other tasks."""
-    own_tasks = {condition.task_name for condition in protocol.conditions}
-    return protocol.score if {spec.task_name for spec in specs.values()} <= own_tasks else None
-
-
-def _own_conditions(protocol: Protocol, specs: Mapping[str, EpisodeSpec]) -> dict[str, Condition]:
-    """Returns the protocol's condition of each specification; one of no further measures where its task was replaced.
-
-    Goals are those of the protocol for any task.
-    """
-    by_name = {condition.name: condition for condition in protocol.conditions}
-    replaced = Condition(goals=protocol.conditions[0].goals)
-    return {
-        name: by_name[name] if name in by_name and by_name[name].task_name == spec.task_name else replaced
-        for name, spec in specs.items()
-    }
 
 
 def find_protocol(name: str, domain_name: str) -> Protocol:
@@ -288,38 +235,25 @@ def find_protocol(name: str, domain_name: str) -> Protocol:
 def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, EpisodeSpec]:
     """Returns the specifications by condition, with the values that settings replace; equal ones only once."""
     given = settings.environment_kwargs
-    if clash := sorted(_differing(protocol) & given.keys()):
+    first, *others = (condition.task_kwargs for condition in protocol.conditions)
+    differing = {name for each in others for name in first.keys() | each.keys() if first.get(name) != each.get(name)}
+    if clash := sorted(differing & given.keys()):
         raise ValueError(f"the conditions of protocol {protocol.name!r} differ in {clash}, which cannot be replaced")
+    seed = protocol.seed if settings.seed is None else settings.seed
+    max_episode_steps = settings.max_episode_steps or protocol.max_episode_steps
+    default_task = domain_protocols(settings.domain_name).task_name
     specs: dict[str, EpisodeSpec] = {}
     for condition in protocol.conditions:
-        spec = _spec(protocol, condition, settings, given)
+        task_name = settings.task_name or condition.task_name or default_task
+        kwargs = {**condition.task_kwargs, **given}
+        environments = EnvironmentSpec.make(settings.domain_name, task_name, kwargs, max_episode_steps)
+        spec = environments.episodes(policy=settings.policy, seed=seed, seeding="gymnasium")
         if spec not in specs.values():
             replaced = condition.task_name not in (None, spec.task_name)
             specs[spec.task_name if replaced else condition.name or spec.task_name] = spec
     return specs
 
 
-def _differing(protocol: Protocol) -> set[str]:
-    """Returns the names of the arguments in which the conditions of a protocol differ."""
-    first, *others = (condition.task_kwargs for condition in protocol.conditions)
-    return {name for other in others for name in first.keys() | other.keys() if first.get(name) != other.get(name)}
-
-
-def _spec(
-    protocol: Protocol, condition: Condition, settings: EvaluateSettings, given: Mapping[str, Any]
-) -> EpisodeSpec:
-    """Returns the specification of the episodes of a condition, in which settings replace the protocol's values."""
-    environments = EnvironmentSpec.make(
-        domain_name=settings.domain_name,
-        task_name=settings.task_name or condition.task_name or domain_protocols(settings.domain_name).task_name,
-        task_kwargs={**condition.task_kwargs, **given},
-        max_episode_steps=settings.max_episode_steps or protocol.max_episode_steps,
-    )
-    seed = protocol.seed if settings.seed is None else settings.seed
-    return environments.episodes(policy=settings.policy, seed=seed, seeding="gymnasium")
-
-
 def _described(spec: EpisodeSpec) -> dict[str, Any]:
-    """Returns the task of a condition, and the policy's file, as JSON represents them."""
     described = {"task_name": spec.task_name, "task_kwargs": dict(spec.task_kwargs)}
     return json.loads(json.dumps({**described, "policy_sha256": spec.policy_sha256}))

@@ -21,25 +21,12 @@ from kitchen_suite.names import REVERSES
 # Training takes its seeds from 500,000,000 on, and recordings usually from 0: between them nothing has been trained on.
 UNSEEN_SEED = 400_000_000
 
-# First seed of Diffusion Policy's test episodes.
-DIFFUSION_POLICY_SEED = 100_000
-
 # The groups of variations of the protocol `shift`, each varied alone, and all together; fixed here, so that a further
 # group does not change the protocol.
 SHIFT_GROUPS = ("start", "layout", "dynamics", "sensing", "appearance", "camera")
 
 # Control steps of an episode of FrankaKitchen-v1 and of the publications on it.
 KITCHEN_STEPS = 280
-
-# Control steps for strict success, which takes the expert about twice as long.
-STRICT_STEPS = 400
-
-
-# Control steps of an evaluation of EARL, and of a skill of METRA.
-EARL_STEPS, METRA_STEPS = 400, 50
-
-# Control steps of LEXA's goals.
-LEXA_STEPS = 150
 
 # What an episode is measured by: a function of the states `(T + 1, 30)` of `criteria`, from the reset on, and of the
 # goal states `(k, 30)` of its reset.
@@ -52,12 +39,11 @@ Goals = Callable[[NDArray[np.float64], Sequence[str], np.random.Generator], dict
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Condition:
-    """Episodes that are scored together.
+    """Episodes that are scored together, in Gymnasium environments with arguments `task_kwargs`.
 
     Attributes:
       name: in results; the name of the task when empty.
       task_name: one of the domain's tasks; that of its `DomainProtocols` when None.
-      task_kwargs: arguments of the Gymnasium environment.
       measures: further measures of its episodes by name; only in the kitchen.
       goals: what its episodes ask for, taken from a recording; None where their seeds say it all.
     """
@@ -71,13 +57,7 @@ class Condition:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Score:
-    """A published score: the mean number of completed tasks in another unit.
-
-    Attributes:
-      name: its key in results.
-      best: its value where all tasks are completed.
-      tasks: number of these tasks.
-    """
+    """A published score: the mean number of completed tasks in another unit, `best` where all `tasks` are completed."""
 
     name: str
     best: float
@@ -86,17 +66,15 @@ class Score:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Protocol:
-    """A way to evaluate a policy.
+    """A way to evaluate a policy, by the value of the flag `--protocol`.
 
     Attributes:
-      name: value of the flag `--protocol`.
       follows: its source, and the values that it fixes, in a few words.
       conditions: of its episodes; each is played from the same seeds.
       seed: of the first episode of a condition; the others have the next ones.
       num_episodes: of each condition.
       max_episode_steps: control steps of an episode; the domain's when None.
       is_general: whether it is for every domain; otherwise for those that name it among their `protocols`.
-      score: a published score; None if there is none.
       overall: the protocol's scores over all conditions, from the scores by condition.
       differences: what is not as in the source, in a sentence; empty if nothing is known to be.
     """
@@ -126,7 +104,7 @@ _SHIFTS = (
 
 
 # The noise of D4RL's kitchen, ten times and two hundred times that of FrankaKitchen-v1.
-_D4RL_NOISE = {"robot_noise_ratio": 0.1, "object_noise_ratio": 0.1}
+_NOISE = {"robot_noise_ratio": 0.1, "object_noise_ratio": 0.1}
 
 # Tasks that shut what EARL's episodes start with open or on.
 _EARL_TASKS = ("close microwave", "turn off light switch", "close slide cabinet", "close hinge cabinet")
@@ -137,21 +115,24 @@ _CHAIN_SETS, _CHAIN_STEPS = 8, 360
 # Without noise, and to the last control step, as environments of goals that are reached or not.
 _EXACTLY_SEEN = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "terminate_on_tasks_completed": False}
 
-# Tasks of the suite that have the objects of LEXA's goals, and the goals that are not the suite's.
-_LEXA_TASKS = {"bottom_burner": "bottom right burner"}
+# Goals of LEXA that are not the suite's, and thresholds of the suite's own count, which LEXA's criteria are close to.
 _LEXA_VALUES = {"hinge cabinet": [0.0, 0.5], "microwave": [-0.5]}
-# Thresholds of the suite's own count of tasks, which LEXA's criteria are close to.
 _LEXA_THRESHOLDS = {"slide cabinet": 0.1, "hinge cabinet": 0.2, "microwave": 0.2, "kettle": 0.2}
-_EARL_THRESHOLD = 0.1
+
+
+def _velocity_conditions(*tasks: str, **task_kwargs: Any) -> tuple[Condition, ...]:
+    """Returns the conditions of tasks whose actions are joint velocities, with further arguments."""
+    return tuple(
+        Condition(task_name=task, task_kwargs={"control_mode": "joint_velocity", **task_kwargs}) for task in tasks
+    )
 
 
 def _of_states(function: Callable[..., bool], **arguments: Any) -> Measure:
-    """Returns the measure that is a function of states alone."""
     return lambda states, goals: function(states, **arguments)
 
 
 def _lexa_condition(objects: tuple[str, ...]) -> Condition:
-    tasks = [_LEXA_TASKS.get(name, name.replace("_", " ")) for name in objects]
+    tasks = ["bottom right burner" if name == "bottom_burner" else name.replace("_", " ") for name in objects]
     chosen: dict[str, Mapping[str, Any]] = {"goals": _LEXA_VALUES, "threshold": _LEXA_THRESHOLDS}
     own = {name: {task: values[task] for task in tasks if task in values} for name, values in chosen.items()}
     return Condition(
@@ -172,7 +153,6 @@ def _lexa_condition(objects: tuple[str, ...]) -> Condition:
 
 
 def _means(scores: Mapping[str, Mapping[str, Any]], names: Collection[str]) -> dict[str, float]:
-    """Returns the means of some scores over all conditions."""
     return {name: round(sum(score[name] for score in scores.values()) / len(scores), 6) for name in names}
 
 
@@ -184,17 +164,12 @@ def _goals_reached(scores: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
 
 def _ordered(name: str, task_name: str, source: str, tasks: Sequence[str] | None = None) -> Protocol:
     """Returns a protocol of tasks that count in their order."""
+    kwargs = {"control_mode": "joint_velocity", **_NOISE, "tasks_in_order": True}
     chosen = {} if tasks is None else {"tasks_to_complete": [*tasks]}
     return Protocol(
         name=name,
         follows=f"{source}, in order, noise 0.1, velocities; score: mean tasks",
-        conditions=(
-            Condition(
-                name=name,
-                task_name=task_name,
-                task_kwargs={"control_mode": "joint_velocity", **_D4RL_NOISE, "tasks_in_order": True, **chosen},
-            ),
-        ),
+        conditions=(Condition(name=name, task_name=task_name, task_kwargs={**kwargs, **chosen}),),
         num_episodes=100,
         max_episode_steps=KITCHEN_STEPS,
         score=Score(name="subtasks", best=4.0, tasks=4),
@@ -225,12 +200,7 @@ def _earl_condition(pair: tuple[str, str]) -> Condition:
     return Condition(
         name=" and ".join(pair),
         task_name="all",
-        task_kwargs={
-            "tasks_to_complete": [*pair],
-            "control_mode": "joint_velocity",
-            "threshold": _EARL_THRESHOLD,
-            **_EXACTLY_SEEN,
-        },
+        task_kwargs={"tasks_to_complete": [*pair], "control_mode": "joint_velocity", "threshold": 0.1, **_EXACTLY_SEEN},
         measures={"earl_success": _of_states(criteria.earl_success)},
     )
 
@@ -248,23 +218,16 @@ _PROTOCOLS = (
         follows="as default, with strict success: joints within 0.05 rad or 1 cm, the kettle 3 cm; 400 control steps",
         conditions=(Condition(task_kwargs={"variations": ["start"], "success": "strict"}),),
         num_episodes=200,
-        max_episode_steps=STRICT_STEPS,
+        # The expert takes about twice as long.
+        max_episode_steps=400,
     ),
     Protocol(
         name="diffusion-policy",
         follows="Chi et al. 2023, by their code: all 7 tasks count, noise 0.1, position actions; score: mean tasks / 7",
-        conditions=(
-            Condition(
-                task_name="all",
-                # Their code scales the noise of robot and objects by its one `robot_noise_ratio`.
-                task_kwargs={
-                    "control_mode": "joint_position",
-                    "robot_noise_ratio": 0.1,
-                    "object_noise_ratio": 0.1,
-                },
-            ),
-        ),
-        seed=DIFFUSION_POLICY_SEED,
+        # Their code scales the noise of robot and objects by its one `robot_noise_ratio`.
+        conditions=(Condition(task_name="all", task_kwargs={"control_mode": "joint_position", **_NOISE}),),
+        # Of their test episodes.
+        seed=100_000,
         num_episodes=50,
         max_episode_steps=KITCHEN_STEPS,
         score=Score(name="score", best=1.0, tasks=7),
@@ -272,10 +235,7 @@ _PROTOCOLS = (
     Protocol(
         name="d4rl",
         follows="Fu et al. 2020: the sets complete, partial and mixed, velocity actions; score: mean tasks / 4 x 100",
-        conditions=tuple(
-            Condition(task_name=task, task_kwargs={"control_mode": "joint_velocity"})
-            for task in ("complete", "partial", "mixed")
-        ),
+        conditions=_velocity_conditions("complete", "partial", "mixed"),
         num_episodes=100,
         max_episode_steps=KITCHEN_STEPS,
         score=Score(name="d4rl_score", best=100.0, tasks=4),
@@ -284,10 +244,7 @@ _PROTOCOLS = (
         Protocol(
             name=name,
             follows=f"{source}: D4RL's {' and '.join(tasks)}, noise 0.1, velocities; score: mean tasks / 4 x 100",
-            conditions=tuple(
-                Condition(task_name=task, task_kwargs={"control_mode": "joint_velocity", **_D4RL_NOISE})
-                for task in tasks
-            ),
+            conditions=_velocity_conditions(*tasks, **_NOISE),
             num_episodes=50,
             max_episode_steps=KITCHEN_STEPS,
             score=Score(name="d4rl_score", best=100.0, tasks=4),
@@ -301,10 +258,7 @@ _PROTOCOLS = (
     Protocol(
         name="dppo",
         follows="Ren et al. 2024: D4RL's three sets, noise 0.1, velocities, 40 environments; score: mean tasks / 4",
-        conditions=tuple(
-            Condition(task_name=task, task_kwargs={"control_mode": "joint_velocity", **_D4RL_NOISE})
-            for task in ("complete", "partial", "mixed")
-        ),
+        conditions=_velocity_conditions("complete", "partial", "mixed", **_NOISE),
         num_episodes=40,
         max_episode_steps=KITCHEN_STEPS,
         score=Score(name="mean_reward", best=1.0, tasks=4),
@@ -328,7 +282,7 @@ _PROTOCOLS = (
         follows="Mendonca et al. 2021: 12 goals, objects alone and in pairs, no noise; scores: two kinds of success",
         conditions=tuple(map(_lexa_condition, criteria.LEXA_GOALS)),
         num_episodes=10,
-        max_episode_steps=LEXA_STEPS,
+        max_episode_steps=150,
         overall=functools.partial(_means, names=("task_relevant_success", "all_objects_success")),
         differences=(
             "LEXA moves a hand welded to a mocap body, for 16 physics steps; here it is `ee_delta_pose`, for 40. Its "
@@ -350,7 +304,7 @@ _PROTOCOLS = (
             ),
         ),
         num_episodes=24,
-        max_episode_steps=METRA_STEPS,
+        max_episode_steps=50,
         overall=_goals_reached,
         differences="The hand is moved by `ee_delta_pose` in place of a weld to a mocap body.",
     ),
@@ -359,7 +313,7 @@ _PROTOCOLS = (
         follows="Sharma et al. 2022: two of four objects open or on, to be shut; score: all objects within 0.3",
         conditions=tuple(map(_earl_condition, itertools.combinations(_EARL_TASKS, 2))),
         num_episodes=50,
-        max_episode_steps=EARL_STEPS,
+        max_episode_steps=400,
         overall=functools.partial(_means, names=("earl_success",)),
         differences=(
             "EARL moves a hand welded to a mocap body; here it is `joint_velocity`. The microwave starts at -0.75 rad, "
@@ -382,7 +336,7 @@ _PROTOCOLS = (
     Protocol(
         name="random-4",
         follows="random 4 of 7 tasks, which the policy is shown, velocities; ten seeds of 100 episodes, as in BESO",
-        conditions=(Condition(task_name="random_4", task_kwargs={"control_mode": "joint_velocity"}),),
+        conditions=_velocity_conditions("random_4"),
         num_episodes=1_000,
         max_episode_steps=KITCHEN_STEPS,
     ),
@@ -442,11 +396,9 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType({protocol.name: protocol fo
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DomainProtocols:
-    """The evaluation of a domain, as far as it is its own.
+    """The evaluation of a domain: the names of the protocols that are made for it, beside those for all.
 
-    Attributes:
-      task_name: task that is played where a protocol names none; the domain's default task when None.
-      protocols: names of the protocols that are made for this domain, beside those for all.
+    `task_name` is the task that is played where a protocol names none; the domain's default task when None.
     """
 
     task_name: str | None = None

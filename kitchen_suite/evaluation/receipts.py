@@ -19,8 +19,9 @@ import base64
 import dataclasses
 import hashlib
 import io
+import json
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,28 +42,13 @@ MAX_EPISODES, MAX_STEPS = 50_000, 10_000_000
 # Arrays of a condition.
 _PARTS = ("steps", "actions", "checks", "digests", "last")
 
-# Greatest length of a text in the metadata.
-_MAX_TEXT = 1_000
-
-_WHAT = "a receipt of kitchen-evaluate"
-
-# Length of the digest at the end of the file.
-_SEAL = 2 * hashlib.sha256().digest_size
-
-# Bytes of an action's number.
-_ITEM = 4
+# Greatest length of a text in the metadata, and that of the digest at the end of the file.
+_MAX_TEXT, _SEAL = 1_000, 2 * hashlib.sha256().digest_size
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Trace:
-    """The actions of an episode, and digests of its numbers; see the formats above.
-
-    Attributes:
-      actions: `(T, k)` float32.
-      checks: `(T + 1,)` uint16.
-      digest: `(32,)` uint8.
-      last: `(m,)` float32.
-    """
+    """The actions `(T, k)` of an episode, and of its numbers checks `(T + 1,)`, digest `(32,)` and last ones `(m,)`."""
 
     actions: NDArray[np.float32]
     checks: NDArray[np.uint16]
@@ -70,7 +56,6 @@ class Trace:
     last: NDArray[np.float32]
 
     def as_text(self) -> str:
-        """Returns the trace in letters, for a line of JSON."""
         arrays = {**vars(self), "actions": _planes(self.actions)}
         return base64.b64encode(files.pack_arrays(arrays)).decode()
 
@@ -114,39 +99,25 @@ class _OpenTrace:
         self._hash.update(numbers.astype("<f8").tobytes())
         self._checks.append(self._hash.digest()[:2])
 
-    def add_divergence(self) -> None:
-        """Adds a control step in which the physics diverged."""
-        self.add_numbers(np.full_like(self.numbers[-1], np.nan))
-
     def add_action(self, action: NDArray) -> None:
-        """Adds an action."""
         self._actions.append(action.astype("<f4"))
 
     @property
     def trace(self) -> Trace:
-        """Of the episode, which has ended."""
+        with np.errstate(over="ignore"):
+            last = self.numbers[-1].astype("<f4")
         return Trace(
             actions=np.array(self._actions),
             checks=np.frombuffer(b"".join(self._checks), "<u2"),
             digest=np.frombuffer(self._hash.digest(), np.uint8),
-            last=_rounded(self.numbers[-1]),
+            last=last,
         )
 
 
-def _rounded(numbers: NDArray[np.float64]) -> NDArray[np.float32]:
-    with np.errstate(over="ignore"):
-        return numbers.astype("<f4")
-
-
 class TraceRecorder:
-    """Acts as another controller does, and keeps the traces of its episodes.
-
-    Attributes:
-      labels: of the other controller.
-    """
+    """Acts as another controller does, and keeps the traces of its episodes."""
 
     def __init__(self, environments: SuiteVectorEnv, controller: Controller) -> None:
-        """Prepares to record what happens in environments."""
         self._environments, self._controller = environments, controller
         self._open: dict[int, _OpenTrace] = {}
 
@@ -168,10 +139,9 @@ class TraceRecorder:
         return actions
 
     def trace(self, episode: EndedEpisode) -> Trace:
-        """Returns the trace of an episode that has just ended."""
         opened = self._open[episode.i]
         if episode.diverged:
-            opened.add_divergence()
+            opened.add_numbers(np.full_like(opened.numbers[-1], np.nan))
         else:
             opened.add_numbers(self._numbers(np.full(self._environments.num_envs, episode.rewards[-1]))[episode.i])
         return opened.trace
@@ -193,19 +163,16 @@ class Replay:
         """Takes the actions `(T, k)` of the episodes by their seeds."""
         self._by_seed = actions
         self._size = next(iter(actions.values())).shape[1:]
-        self._actions: dict[int, NDArray] = {}
-        self._steps: dict[int, int] = {}
+        self._remaining: dict[int, Iterator[NDArray]] = {}
         self.labels: Mapping[str, NDArray] = {}
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
-        self._actions[i], self._steps[i] = self._by_seed[seed], 0
+        self._remaining[i] = iter(self._by_seed[seed])
 
     def act(self, step: BatchStep) -> NDArray:
         actions = np.zeros((step.rewards.size, *self._size), np.float32)
         for i in np.flatnonzero(step.is_playing).tolist():
-            if self._steps[i] < len(self._actions[i]):
-                actions[i] = self._actions[i][self._steps[i]]
-            self._steps[i] += 1
+            actions[i] = next(self._remaining[i], 0.0)
         return actions
 
 
@@ -222,14 +189,9 @@ class _Record:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Receipt:
-    """An evaluation with all its episodes.
+    """An evaluation, as `--json` writes it, with results and traces of all its episodes in order, by condition.
 
-    Attributes:
-      evaluation: its settings and scores, as `--json` writes them.
-      replaced: the values of the protocol that were replaced, see `EvaluationPlan.replaced`.
-      results: of the episodes in order, by condition.
-      traces: of the same episodes.
-      machine: kind of processor, see `versions.machine`.
+    `replaced` is `EvaluationPlan.replaced`, `machine` the kind of processor, see `versions.machine`.
     """
 
     evaluation: Mapping[str, Any]
@@ -239,24 +201,23 @@ class Receipt:
     machine: str = dataclasses.field(default_factory=machine)
 
     def write(self, path: Path) -> None:
-        """Writes the file, in place of an existing one."""
         record = {
             "format": FORMAT,
             "evaluation": dict(self.evaluation),
             "replaced": list(self.replaced),
             "machine": self.machine,
-            "episodes": {name: [_entry(result) for result in results] for name, results in self.results.items()},
+            "episodes": {name: [*map(_entry, results)] for name, results in self.results.items()},
         }
         arrays = {
             f"{name}/{part}": array for name, traces in self.traces.items() for part, array in _stacked(traces).items()
         }
         with files.atomic_write(path) as partial:
-            partial.write_bytes(sealed(files.pack_arrays({**arrays, "metadata": files.as_text_array(record)})))
+            partial.write_bytes(sealed(files.pack_arrays({**arrays, "metadata": np.array(json.dumps(record))})))
 
     @classmethod
     def read(cls, path: Path) -> "Receipt":
         """Returns the receipt in a file; raises an OSError unless it is one of this format, unchanged."""
-        with files.reading(path, _WHAT):
+        with files.reading(path, "a receipt of kitchen-evaluate"):
             files.check_size(path.stat().st_size, files.MAX_ARRAY_BYTES)
             contents = path.read_bytes()
             if _seal(contents[:-_SEAL]) != contents[-_SEAL:]:
@@ -283,10 +244,8 @@ class Receipt:
 def _check_texts(value: Any) -> None:
     """Raises a ValueError unless all texts in decoded JSON can be printed, in a line of bounded length."""
     if isinstance(value, Mapping):
-        for key, part in value.items():
-            _check_texts(key)
-            _check_texts(part)
-    elif isinstance(value, list):
+        value = [*value, *value.values()]
+    if isinstance(value, list):
         for part in value:
             _check_texts(part)
     elif isinstance(value, str) and not (value.isprintable() and len(value) <= _MAX_TEXT):
@@ -307,25 +266,23 @@ def _seal(contents: bytes) -> bytes:
 
 
 def _entry(result: EpisodeResult) -> dict[str, Any]:
-    """Returns a result as JSON, without its trace."""
     return {name: value for name, value in dataclasses.asdict(result).items() if name != "trace"}
 
 
 def _planes(actions: NDArray) -> NDArray[np.uint8]:
     """Returns the bytes `(4, k, T)` of actions `(T, k)`; those of one place in the numbers compress well together."""
     contents = np.ascontiguousarray(actions, "<f4").view(np.uint8)
-    return np.ascontiguousarray(contents.reshape(*actions.shape, _ITEM).transpose(2, 1, 0))
+    return np.ascontiguousarray(contents.reshape(*actions.shape, 4).transpose(2, 1, 0))
 
 
 def _from_planes(planes: NDArray) -> NDArray[np.float32]:
     """Returns the actions `(T, k)` of which `_planes` made bytes; raises a ValueError for another array."""
-    if planes.dtype != np.uint8 or planes.ndim != 3 or planes.shape[0] != _ITEM:
+    if planes.dtype != np.uint8 or planes.ndim != 3 or planes.shape[0] != 4:
         raise ValueError(f"actions of shape {planes.shape} and type {planes.dtype}")
     return np.ascontiguousarray(planes.transpose(2, 1, 0)).view("<f4")[..., 0]
 
 
 def _stacked(traces: Sequence[Trace]) -> dict[str, NDArray]:
-    """Returns the arrays of a condition."""
     return {
         "steps": np.array([len(trace.actions) for trace in traces]),
         "actions": _planes(np.concatenate([trace.actions for trace in traces])),

@@ -33,11 +33,9 @@ _MAX_LINES = 10
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """The differences of an episode from its replay.
+    """The results of an episode and of its replay, and their differences.
 
     Attributes:
-      recorded: its result in the receipt.
-      replayed: that of the replay.
       first: first control step at which numbers differ, 0 for the reset; None if they are equal to the bit.
       greatest: greatest difference of the numbers after the last control steps.
     """
@@ -69,7 +67,6 @@ class VerifyJob:
     usage_errors = ()
 
     def __init__(self, settings: VerifySettings) -> None:
-        """Checks that there is a file."""
         self._path = Path(settings.receipt)
         if not self._path.exists():
             raise FileNotFoundError(f"no such file: {settings.receipt!r}")
@@ -79,15 +76,12 @@ class VerifyJob:
         return f"after {self._finished} episodes"
 
     def run(self) -> bool | int:
-        """Checks what the receipt says against itself, then against a replay.
-
-        Returns whether all is equal, or `DIGITS_DIFFER`.
-        """
+        """Checks the receipt against itself and a replay; returns whether all is equal, or `DIGITS_DIFFER`."""
         receipt = Receipt.read(self._path)
         plan = checked_plan(receipt)
         print_line("\n".join([format_heading(plan), *_circumstances(receipt)]))
         compared: dict[str, list[Comparison]] = {name: [] for name in plan.specs}
-        with EpisodeBar(plan.num_episodes * len(plan.specs), 0, 0) as bar:
+        with EpisodeBar(plan.num_episodes * len(plan.specs)) as bar:
             for comparison in compare(receipt, plan, self._settings.num_envs, self._settings.num_threads):
                 compared[comparison.recorded.condition].append(comparison)
                 self._finished += 1
@@ -106,14 +100,7 @@ class VerifyJob:
 
 
 def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: int | None) -> Iterator[Comparison]:
-    """Plays the episodes of a receipt again, and yields each as it ends.
-
-    Args:
-      receipt: of the episodes.
-      plan: the receipt's, see `checked_plan`.
-      num_envs: number of environments stepped together.
-      num_threads: threads that step them; one per processor when omitted.
-    """
+    """Plays the episodes of a receipt again, by its `checked_plan`, and yields each as it ends."""
     plan = dataclasses.replace(plan, specs={name: _blind(spec) for name, spec in plan.specs.items()})
     for name, spec in plan.specs.items():
         results, traces = receipt.results[name], receipt.traces[name]
@@ -121,32 +108,23 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
         # An episode that goes on after its last action differs, and need not be played to its end.
         longest = max(len(trace.actions) for trace in traces)
         limited = dataclasses.replace(spec, max_episode_steps=min(spec.max_episode_steps, longest + 1))
-        with contextlib.closing(
-            limited.make_vector_env(even_count(len(results), num_envs), num_threads)
-        ) as environments:
+        count = even_count(len(results), num_envs)
+        with contextlib.closing(limited.make_vector_env(count, num_threads)) as environments:
             shape = environments.single_action_space.shape
             if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
                 raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
             replay = Replay({result.seed: trace.actions for result, trace in zip(results, traces, strict=True)})
             for replayed, trace in play(name, plan, environments, replay, waiting, recorded=True):
                 assert trace
-                yield _comparison(results[replayed.episode], traces[replayed.episode], replayed, trace)
+                recorded, given = results[replayed.episode], traces[replayed.episode]
+                first = given.first_difference(trace)
+                greatest = 0.0 if first is None else given.greatest_difference(trace)
+                yield Comparison(recorded=recorded, replayed=replayed, first=first, greatest=greatest)
 
 
 def _blind(spec: EpisodeSpec) -> EpisodeSpec:
-    """Returns a specification without pictures."""
     kwargs = {name: value for name, value in spec.task_kwargs.items() if name not in _OF_PICTURES}
     return dataclasses.replace(spec, task_kwargs=kwargs)
-
-
-def _comparison(recorded: EpisodeResult, one: Trace, replayed: EpisodeResult, other: Trace) -> Comparison:
-    first = one.first_difference(other)
-    return Comparison(
-        recorded=recorded,
-        replayed=replayed,
-        first=first,
-        greatest=0.0 if first is None else one.greatest_difference(other),
-    )
 
 
 def checked_plan(receipt: Receipt) -> EvaluationPlan:
@@ -181,9 +159,8 @@ def _problem(plan: EvaluationPlan, name: str, index: int, result: EpisodeResult,
     if (result.condition, result.episode, result.seed) != (name, index, plan.first.seed + index):
         return "is another one"
     steps = len(trace.actions)
-    if steps > plan.first.max_episode_steps or result.control_steps != (
-        plan.first.max_episode_steps if result.diverged else steps
-    ):
+    limit = plan.first.max_episode_steps
+    if steps > limit or result.control_steps != (limit if result.diverged else steps):
         return f"has {steps} actions, not {result.control_steps}"
     numbers = [result.progress, *result.measures.values()]
     if not (np.isfinite(numbers).all() and np.isfinite(trace.actions).all()):
@@ -209,20 +186,13 @@ def _circumstances(receipt: Receipt) -> list[str]:
 
 
 def _table(compared: Mapping[str, list[Comparison]]) -> str:
-    """Returns a row for each condition."""
     rows = []
     for name, each in compared.items():
-        first = min((comparison.first for comparison in each if comparison.first is not None), default=None)
-        rows.append(
-            (
-                name,
-                str(len(each)),
-                str(sum(comparison.first is None for comparison in each)),
-                str(sum(comparison.scores_alike for comparison in each)),
-                "none" if first is None else str(first),
-                f"{max(comparison.greatest for comparison in each):.3g}",
-            )
-        )
+        first = [comparison.first for comparison in each if comparison.first is not None]
+        equal = len(each) - len(first)
+        same = sum(comparison.scores_alike for comparison in each)
+        greatest = max(comparison.greatest for comparison in each)
+        rows.append((name, str(len(each)), str(equal), str(same), str(min(first, default="none")), f"{greatest:.3g}"))
     heading = ("condition", "episodes", "equal", "same result", "first difference", "greatest at the end")
     return table(heading, rows)
 

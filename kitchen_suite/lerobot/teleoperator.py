@@ -76,7 +76,7 @@ class BrowserTeleop(Teleoperator):
         self._is_closed = is_closed
         if state["reset"]:
             self._wants_reset = True
-            self._connected().forget_reset()
+            self._connected().wants_reset = False
         self._moved = any(deltas) or gripper != 1.0
         return {**dict(zip(("delta_x", "delta_y", "delta_z"), deltas, strict=True)), "gripper": gripper}
 

@@ -7,7 +7,7 @@ part of the state alone, and the pictures of some cameras.
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import dm_env
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
 from kitchen_suite.policies.networks import PictureEncoder, ResidualNetwork, Scales, checked
-from kitchen_suite.policies.stored import StoredPolicy
+from kitchen_suite.policies.stored import EpisodePolicy, StoredPolicy
 
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
@@ -63,10 +63,22 @@ class ImitatedPolicy(StoredPolicy):
         size += checks.integer(self.goal_size, "goal_size", minimum=0)
         if self.scales.input_mean.size != size:
             raise ValueError(f"there are {self.scales.input_mean.size} inputs, but state, tasks and goal have {size}")
-        if self.state_elements is not None:
-            _check_elements(self.state_elements, self.metadata["state_size"])
-        _check_extras(self.metadata)
-        _check_cameras(self.metadata, self.encoders)
+        if (elements := self.state_elements) is not None:
+            number = self.metadata["state_size"]
+            is_list = isinstance(elements, list) and all(type(element) is int for element in elements)
+            if not is_list or len(elements) != number or (np.diff([-1, *elements]) <= 0).any():
+                raise ValueError(f"state_elements must be {number} increasing indices, got {checks.shown(elements)}")
+        sizes = files.parse(self.metadata.get("extra_observables", {}), dict[str, int], "extra_observables")
+        layout = files.parse(self.layout, dict[str, list[float]], "layout")
+        if wrong := [name for name, values in layout.items() if sizes.get(name) != len(values)]:
+            raise ValueError(f"layout has values of {wrong} that do not fit the extra_observables {sizes}")
+        cameras = files.parse(self.metadata.get("cameras", []), list[str], "cameras")
+        if len(cameras) != len(self.encoders):
+            raise ValueError(f"there are {len(self.encoders)} encoders for the cameras {cameras}")
+        if cameras:
+            height, width = files.parse(self.metadata.get("image_size"), tuple[int, int], "image_size")
+            for encoder in self.encoders:
+                encoder.check_takes(height, width)
         self._check_sizes()
 
     @abc.abstractmethod
@@ -153,18 +165,12 @@ class ImitatedPolicy(StoredPolicy):
     def predict(
         self, inputs: NDArray, generator: np.random.Generator, pictures: Sequence[NDArray[np.uint8]] = ()
     ) -> NDArray[np.float32]:
-        """Returns the actions `(chunk, k)` that follow inputs `(m,)`, and pictures `(h, w, 3)` of its cameras.
-
-        Randomness comes from the generator.
-        """
+        """Returns the actions `(chunk, k)` that follow inputs `(m,)` and its cameras' pictures `(h, w, 3)`."""
         features = [encoder(picture) for encoder, picture in zip(self.encoders, pictures, strict=True)]
         values = self._predict(np.concatenate([self.scales.inputs(inputs), *features]), generator)
         return self.scales.actions(values.reshape(self.chunk, self.action_size))
 
-    def episode(
-        self, task: "SuiteTask", generator: np.random.Generator
-    ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
-        self.check_fits(task)
+    def _acting(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
         inputs = task.policy_inputs
         waiting: list[NDArray[np.float32]] = []
 
@@ -178,7 +184,7 @@ class ImitatedPolicy(StoredPolicy):
                 waiting[:] = self.predict(chosen, generator, pictures)[: self.metadata["executed"]]
             return waiting.pop(0)
 
-        return self._acting_in(task, act)
+        return act
 
     def check_fits(self, task: "SuiteTask") -> None:
         if missing := self.missing_observables(task):
@@ -194,24 +200,20 @@ class ImitatedPolicy(StoredPolicy):
             if taken is None or [taken.height, taken.width] != self.metadata["image_size"]:
                 height, width = self.metadata["image_size"]
                 raise ValueError(f"the policy needs pictures of {camera}, {width}x{height}: {self._trained_for}")
-        if self.goal_size and (
-            task.policy_inputs.goal_place is None or self.goal_size != len(task.policy_inputs.goal_elements)
-        ):
+        inputs = task.policy_inputs
+        if self.goal_size and (inputs.goal_place is None or self.goal_size != len(inputs.goal_elements)):
             raise ValueError(f"the policy needs a goal state in the observation: {self._trained_for}")
-        if self.tasks and (others := sorted(set(task.policy_inputs.tasks) - set(self.tasks))):
+        if self.tasks and (others := sorted({*inputs.tasks} - {*self.tasks})):
             raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
 
     @property
     def arrays(self) -> dict[str, NDArray]:
-        networks = {
-            f"{name}.{key}": array for name, each in self.networks.items() for key, array in each.arrays.items()
-        }
-        encoders = {
-            f"encoders.{number}.{key}": array
-            for number, each in enumerate(self.encoders)
-            for key, array in each.arrays.items()
-        }
-        return {**vars(self.scales), **networks, **self.tables, **encoders}
+        encoders = {f"encoders.{number}": encoder for number, encoder in enumerate(self.encoders)}
+        networks, encodings = (
+            {f"{name}.{key}": array for name, each in parts.items() for key, array in each.arrays.items()}
+            for parts in (self.networks, encoders)
+        )
+        return {**vars(self.scales), **networks, **self.tables, **encodings}
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
@@ -294,10 +296,9 @@ class RankedPolicy(FlowPolicy):
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
         count = self.metadata["candidates"]
         noise = generator.standard_normal((count, self.chunk * self.action_size), np.float32)
-        groups = np.split(noise, range(_ROWS, count, _ROWS))
-        chunks = np.concatenate([self._carried(inputs, group) for group in groups])
-        values = np.concatenate([self._values(inputs, group) for group in np.split(chunks, range(_ROWS, count, _ROWS))])
-        best: NDArray[np.float32] = chunks[values.argmax()]
+        groups = [self._carried(inputs, group) for group in np.split(noise, range(_ROWS, count, _ROWS))]
+        values = np.concatenate([self._values(inputs, group) for group in groups])
+        best: NDArray[np.float32] = np.concatenate(groups)[values.argmax()]
         return best
 
     def _values(self, inputs: NDArray[np.float32], chunks: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -351,32 +352,6 @@ def time_features(time: Any) -> NDArray[np.float32]:
     """Returns features `(..., 8)` of times in [0, 1], a number or `(..., 1)`: sines and cosines of four frequencies."""
     angles = np.asarray(time, np.float32) * (np.pi * 2.0 ** np.arange(4, dtype=np.float32)).astype(np.float32)
     return np.concatenate([np.sin(angles), np.cos(angles)], axis=-1)
-
-
-def _check_extras(metadata: Mapping[str, Any]) -> None:
-    """Raises a ValueError unless extra observables have sizes, and those of the layout as many values."""
-    sizes = files.parse(metadata.get("extra_observables", {}), dict[str, int], "extra_observables")
-    layout = files.parse(metadata.get("layout", {}), dict[str, list[float]], "layout")
-    if wrong := [name for name, values in layout.items() if sizes.get(name) != len(values)]:
-        raise ValueError(f"layout has values of {wrong} that do not fit the extra_observables {sizes}")
-
-
-def _check_cameras(metadata: Mapping[str, Any], encoders: Sequence[PictureEncoder]) -> None:
-    """Raises a ValueError unless each camera has an encoder of its pictures."""
-    cameras = files.parse(metadata.get("cameras", []), list[str], "cameras")
-    if len(cameras) != len(encoders):
-        raise ValueError(f"there are {len(encoders)} encoders for the cameras {cameras}")
-    if cameras:
-        height, width = files.parse(metadata.get("image_size"), tuple[int, int], "image_size")
-        for encoder in encoders:
-            encoder.check_takes(height, width)
-
-
-def _check_elements(elements: Any, size: int) -> None:
-    """Raises a ValueError unless `elements` is a list of `size` increasing indices."""
-    is_list = isinstance(elements, list) and all(type(element) is int for element in elements)
-    if not is_list or len(elements) != size or (np.diff([-1, *elements]) <= 0).any():
-        raise ValueError(f"state_elements must be {size} increasing indices, got {checks.shown(elements)}")
 
 
 def _check_network(network: ResidualNetwork, inputs: int, outputs: int) -> None:

@@ -8,20 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-# Added to the variance in the normalisation of layers, as in PyTorch.
-_EPSILON = 1e-5
-
 # Bound of standardised inputs.
 CLIP = 10.0
 
 
 class Linear(NamedTuple):
-    """An affine map.
-
-    Attributes:
-      weight: `(n, m)`.
-      bias: `(n,)`.
-    """
+    """An affine map with weight `(n, m)` and bias `(n,)`."""
 
     weight: NDArray[np.float32]
     bias: NDArray[np.float32]
@@ -52,7 +44,8 @@ class Block(NamedTuple):
         """Returns `(..., w)` for values `(..., w)`."""
         centred = values - values.mean(axis=-1, keepdims=True)
         variance = np.square(centred).mean(axis=-1, keepdims=True)
-        normalised = centred / np.sqrt(variance + np.float32(_EPSILON)) * self.norm.weight + self.norm.bias
+        # With the epsilon of PyTorch.
+        normalised = centred / np.sqrt(variance + np.float32(1e-5)) * self.norm.weight + self.norm.bias
         return values + self.second(silu(self.first(normalised)))
 
 
@@ -75,28 +68,16 @@ class ResidualNetwork(NamedTuple):
 
         Raises a ValueError if an array is missing or unknown, or does not fit the others.
         """
-        own = _take_own(arrays, name)
-        count = sum(key.endswith(".norm.weight") for key in own)
+        count = sum(key.startswith(f"{name}.") and key.endswith(".norm.weight") for key in arrays)
         parts = ["input", *(f"blocks.{i}.{part}" for i in range(count) for part in Block._fields), "output"]
-        _check_complete(own, [f"{name}.{part}" for part in parts])
-        first, *middle, last = (_linear(own, f"{name}.{part}") for part in parts)
-        size = len(Block._fields)
-        blocks = tuple(Block(*middle[i : i + size]) for i in range(0, len(middle), size))
-        network = cls(first, blocks, last)
-        network._check(name)
-        return network
-
-    def _check(self, name: str) -> None:
-        width = self.input.bias.size
-        shapes: list[tuple[Linear, tuple[int, ...]]] = [
-            (self.input, (width, self.inputs)),
-            (self.output, (self.outputs, width)),
-        ]
-        for block in self.blocks:
-            shapes += [(block.norm, (width,)), (block.first, (width, width)), (block.second, (width, width))]
-        for part, shape in shapes:
-            if part.weight.shape != shape or part.bias.shape != shape[:1]:
-                raise ValueError(f"{name} has parts of shapes {part.weight.shape} and {part.bias.shape}, not {shape}")
+        first, *middle, last = _take_parts(arrays, name, parts)
+        width, size = first.bias.size, len(Block._fields)
+        square = (width, width)
+        expected = [(width, *first.weight.shape[-1:]), *[(width,), square, square] * count, (last.bias.size, width)]
+        for label, (weight, bias), shape in zip(parts, (first, *middle, last), expected, strict=True):
+            if weight.shape != shape or bias.shape != shape[:1]:
+                raise ValueError(f"{name}.{label} has parts of shapes {weight.shape} and {bias.shape}, not {shape}")
+        return cls(first, tuple(Block(*middle[i : i + size]) for i in range(0, len(middle), size)), last)
 
     @property
     def arrays(self) -> dict[str, NDArray[np.float32]]:
@@ -104,7 +85,7 @@ class ResidualNetwork(NamedTuple):
         parts = {"input": self.input, "output": self.output}
         for i, block in enumerate(self.blocks):
             parts |= {f"blocks.{i}.{name}": part for name, part in block._asdict().items()}
-        return {f"{name}.{kind}": array for name, part in parts.items() for kind, array in part._asdict().items()}
+        return _named(parts)
 
     @property
     def inputs(self) -> int:
@@ -131,9 +112,7 @@ class ResidualNetwork(NamedTuple):
 class Convolution(NamedTuple):
     """A convolution that halves height and width, with rectified outputs.
 
-    Attributes:
-      weight: `(n, m, s, s)`, with an odd size `s`; zeros surround the values.
-      bias: `(n,)`.
+    Its weight is `(n, m, s, s)`, with an odd size `s`, and its bias `(n,)`; zeros surround the values.
     """
 
     weight: NDArray[np.float32]
@@ -152,12 +131,7 @@ class Convolution(NamedTuple):
 
 
 class PictureEncoder(NamedTuple):
-    """Convolutions, and an affine map of all that the last one returns.
-
-    Attributes:
-      convolutions: the first one from the three channels of a picture.
-      output: to `n` features.
-    """
+    """Convolutions, from the three channels of a picture, and an affine map of the last one's outputs to features."""
 
     convolutions: tuple[Convolution, ...]
     output: Linear
@@ -168,29 +142,25 @@ class PictureEncoder(NamedTuple):
 
         Raises a ValueError if an array is missing or unknown, or does not fit the others.
         """
-        own = _take_own(arrays, name)
-        count = sum(key.startswith(f"{name}.convolutions.") and key.endswith(".weight") for key in own)
-        parts = [f"{name}.{part}" for part in (*(f"convolutions.{i}" for i in range(count)), "output")]
-        _check_complete(own, parts)
-        layers = [(checked(own[f"{part}.weight"], part), checked(own[f"{part}.bias"], part)) for part in parts]
+        count = sum(key.startswith(f"{name}.convolutions.") and key.endswith(".weight") for key in arrays)
+        *layers, output = _take_parts(arrays, name, [*(f"convolutions.{i}" for i in range(count)), "output"])
         channels = 3
-        for weight, bias in layers[:-1]:
+        for weight, bias in layers:
             if weight.ndim != 4 or weight.shape != (bias.size, channels, *weight.shape[2:3] * 2):
                 raise ValueError(f"{name} has a convolution of shape {weight.shape} after {channels} channels")
             if bias.ndim != 1 or not weight.shape[2] % 2:
                 raise ValueError(f"{name} has a convolution with {bias.shape} biases and a size of {weight.shape[2]}")
             channels = bias.size
-        output = Linear(*layers[-1])
         if output.bias.ndim != 1 or output.weight.ndim != 2 or len(output.weight) != output.bias.size:
             raise ValueError(f"{name} has outputs of shapes {output.weight.shape} and {output.bias.shape}")
-        return cls(tuple(Convolution(*layer) for layer in layers[:-1]), output)
+        return cls(tuple(Convolution(*layer) for layer in layers), output)
 
     @property
     def arrays(self) -> dict[str, NDArray[np.float32]]:
         """Its arrays by name, such as `convolutions.0.weight`."""
         parts: dict[str, Convolution | Linear] = {f"convolutions.{i}": each for i, each in enumerate(self.convolutions)}
         parts["output"] = self.output
-        return {f"{name}.{kind}": array for name, part in parts.items() for kind, array in part._asdict().items()}
+        return _named(parts)
 
     @property
     def features(self) -> int:
@@ -219,23 +189,21 @@ def silu(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return result
 
 
-def _take_own(arrays: dict[str, NDArray], name: str) -> dict[str, NDArray]:
-    """Removes the arrays of a network, whose names begin with its own, from others, and returns them."""
-    return {key: arrays.pop(key) for key in [*arrays] if key.startswith(f"{name}.")}
+def _named(parts: Mapping[str, Convolution | Linear]) -> dict[str, NDArray[np.float32]]:
+    """Returns weight and bias of each part, by name."""
+    return {f"{name}.{kind}": array for name, part in parts.items() for kind, array in part._asdict().items()}
 
 
-def _check_complete(arrays: Mapping[str, NDArray], parts: Iterable[str]) -> None:
-    """Raises a ValueError unless the arrays are weight and bias of each part."""
-    if odd := sorted(arrays.keys() ^ {f"{part}.{kind}" for part in parts for kind in Linear._fields}):
+def _take_parts(arrays: dict[str, NDArray], name: str, parts: Iterable[str]) -> list[Linear]:
+    """Removes the arrays of a network, whose names begin with its own, from others; returns weight and bias by part.
+
+    Raises a ValueError unless these are all of them.
+    """
+    own = {key: arrays.pop(key) for key in [*arrays] if key.startswith(f"{name}.")}
+    names = [[f"{name}.{part}.{kind}" for kind in Linear._fields] for part in parts]
+    if odd := sorted(own.keys() ^ {each for pair in names for each in pair}):
         raise ValueError(f"missing or unknown arrays {odd}")
-
-
-def _linear(arrays: Mapping[str, NDArray], name: str) -> Linear:
-    """Returns an affine map, or scale and shift."""
-    weight, bias = (checked(arrays[f"{name}.{kind}"], f"{name}.{kind}") for kind in Linear._fields)
-    if weight.ndim not in (1, 2) or bias.ndim != 1:
-        raise ValueError(f"{name} has parts of shapes {weight.shape} and {bias.shape}")
-    return Linear(weight, bias)
+    return [Linear(*(checked(own[each], each) for each in pair)) for pair in names]
 
 
 def checked(array: NDArray, name: str) -> NDArray[np.float32]:

@@ -50,11 +50,12 @@ class PolicySource(abc.ABC):
 
     Attributes:
       takes_options: whether the name may have options, such as `expert(speed=0.8)`.
+      needs_experts: whether it needs the extra `experts`.
       player: entry point of the function that lets each episode be played before it is stepped, called with its
         `rollouts.spec.EpisodeSpec`; None for policies that act by themselves.
     """
 
-    takes_options = False
+    takes_options = needs_experts = False
     player: str | None = None
 
     @abc.abstractmethod
@@ -62,9 +63,6 @@ class PolicySource(abc.ABC):
         self, environment: dm_env.Environment, generator: np.random.Generator, *args: Any, **options: Any
     ) -> Policy:
         """Builds the policy for an episode with the options of its name; random numbers come from the generator."""
-
-    def check_installed(self, name: str) -> None:  # noqa: B027
-        """Raises an ImportError if the policy `name` needs an extra that is not installed."""
 
     def for_episodes(self, digest: str | None) -> PolicyBuilder:
         """Returns the builder for several episodes, which reads a file once and checks its SHA-256 if one is given."""
@@ -84,12 +82,10 @@ class RandomSource(PolicySource):
 
     def __call__(self, environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
         spec = environment.action_spec()
-        minimum, maximum = getattr(spec, "minimum", -np.inf), getattr(spec, "maximum", np.inf)
-        bounded = np.broadcast_to(np.isfinite(minimum) & np.isfinite(maximum), spec.shape)
-        low, high = np.where(bounded, minimum, 0.0), np.where(bounded, maximum, 0.0)
-        return lambda timestep: np.where(
-            bounded, generator.uniform(low, high, spec.shape), generator.standard_normal(spec.shape)
-        )
+        shape, bounds = spec.shape, [getattr(spec, "minimum", -np.inf), getattr(spec, "maximum", np.inf)]
+        bounded = np.broadcast_to(np.isfinite(bounds[0]) & np.isfinite(bounds[1]), shape)
+        low, high = (np.where(bounded, bound, 0.0) for bound in bounds)
+        return lambda timestep: np.where(bounded, generator.uniform(low, high, shape), generator.standard_normal(shape))
 
 
 class ZeroSource(PolicySource):
@@ -106,7 +102,7 @@ class ExpertSource(PolicySource):
     Its options are attributes of `experts.MotionStyle`, and arguments of the expert and its control mode.
     """
 
-    takes_options = True
+    takes_options = needs_experts = True
 
     def __init__(self, kind: str = "expert") -> None:
         """Prepares to build the experts of a kind, as of `experts.expert_class`."""
@@ -119,14 +115,9 @@ class ExpertSource(PolicySource):
         constructors = itertools.takewhile(lambda base: base is not experts.Expert, expert_class.__mro__)
         functions: list[Callable[..., Any]] = [experts.MotionStyle, *constructors, *expert_class.control_modes.values()]
         checks.keywords(options, *functions, what="option", exclude=("style",))
-        names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
-        style = {name: options.pop(name) for name in names if name in options}
-        return experts.make_policy(
-            environment, generator, kind=self._kind, style=experts.MotionStyle(**style), **options
-        )
-
-    def check_installed(self, name: str) -> None:
-        checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
+        names = options.keys() & {field.name for field in dataclasses.fields(experts.MotionStyle)}
+        style = experts.MotionStyle(**{name: options.pop(name) for name in names})
+        return experts.make_policy(environment, generator, kind=self._kind, style=style, **options)
 
     def missing_observables(self, make_task: "Callable[[], SuiteTask]", options: Mapping[str, Any]) -> list[str]:
         from kitchen_suite.policies import experts
@@ -164,7 +155,7 @@ class TrainedSource(PolicySource):
         return self._load(path).episode(environment.task, generator)
 
     def for_episodes(self, digest: str | None) -> PolicyBuilder:
-        return TrainedSource(digest)
+        return type(self)(digest)
 
     def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
         file = options.get("file")
@@ -208,13 +199,14 @@ class Takeover:
 
     def __call__(self, timestep: dm_env.TimeStep) -> ArrayLike:
         self._step = 0 if timestep.first() else self._step + 1
-        self.labels = {"is_intervention": self._step >= self._takeover}
+        has_taken_over = self._step >= self._takeover
+        self.labels = {"is_intervention": has_taken_over}
         if self._step == self._takeover:
             timestep = timestep._replace(step_type=dm_env.StepType.FIRST)
-        return (self._second if self._step >= self._takeover else self._first)(timestep)
+        return (self._second if has_taken_over else self._first)(timestep)
 
 
-class TakeoverSource(PolicySource):
+class TakeoverSource(TrainedSource):
     """A trained policy, and the scripted expert that takes over from it: demonstrations from where a policy leads.
 
     The control step of the takeover is drawn from 0 to the option `latest`; `file` is of the trained policy as in
@@ -222,11 +214,8 @@ class TakeoverSource(PolicySource):
     Learning and Structured Prediction to No-Regret Online Learning (DAgger), AISTATS 2011.
     """
 
-    takes_options = True
-
-    def __init__(self, digest: str | None = None) -> None:
-        """Prepares to read files whose SHA-256 must be `digest`, if that is given."""
-        self._trained, self._expert = TrainedSource(digest), ExpertSource()
+    needs_experts = True
+    _expert = ExpertSource()
 
     def __call__(
         self,
@@ -238,22 +227,13 @@ class TakeoverSource(PolicySource):
         **options: Any,
     ) -> Policy:
         step = int(generator.integers(checks.integer(latest, "latest", minimum=0), endpoint=True))
-        first = self._trained(environment, generator, file=file)
+        first = super().__call__(environment, generator, file=file)
         return Takeover(first, self._expert(environment, generator, **options), step)
-
-    def check_installed(self, name: str) -> None:
-        self._expert.check_installed(name)
-
-    def for_episodes(self, digest: str | None) -> PolicyBuilder:
-        return TakeoverSource(digest)
-
-    def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
-        return self._trained.file(options, task)
 
     def missing_observables(self, make_task: "Callable[[], SuiteTask]", options: Mapping[str, Any]) -> list[str]:
         task = make_task()
-        sources: tuple[PolicySource, ...] = (self._trained, self._expert)
-        return [*dict.fromkeys(name for each in sources for name in each.missing_observables(lambda: task, options))]
+        own = super().missing_observables(lambda: task, options)
+        return [*dict.fromkeys([*own, *self._expert.missing_observables(lambda: task, options)])]
 
 
 class TeleopSource(PolicySource):
@@ -263,7 +243,7 @@ class TeleopSource(PolicySource):
     is that of the page. In commands, each episode is played in the page before it is recorded or scored.
     """
 
-    takes_options = True
+    takes_options = needs_experts = True
     player = "kitchen_suite.bridges.viewer:Player"
 
     def __call__(
@@ -282,9 +262,6 @@ class TeleopSource(PolicySource):
         checks.boolean(rewind, "rewind")
         checks.integer(port, "port", minimum=1024, maximum=65535)
         return TeleoperatedPolicy(environment.task, find(policy)(environment, generator) if policy else None)
-
-    def check_installed(self, name: str) -> None:
-        checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
 
     def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
         first = options.get("policy")
@@ -329,14 +306,17 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
         file = checks.shown(name)
         raise ValueError(f"policy {file} is a file, not a name: write trained(file={file})")
     if ":" in name and "(" not in name:
-        imported = _import_policy(name)
+        imported = checks.imported(name, "policy")
+        if not callable(imported):
+            raise ValueError(f"policy {checks.shown(name)} cannot be called: it is {checks.shown(imported)}")
         return lambda environment, generator: _CheckedPolicy(imported, name, environment)
     key, options = _key_and_options(name)
     try:
         source = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
     except ValueError as error:
         raise ValueError(f"{error}, or name one of your own as module:callable") from error
-    source.check_installed(name)
+    if source.needs_experts:
+        checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
     if options and not source.takes_options:
         others = " and ".join(other for other, each in POLICIES.items() if each.takes_options)
         raise ValueError(f"policy {key!r} takes no options, got {checks.shown(name)}; {others} do")
@@ -355,9 +335,7 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
 def policy_file(name: str, task: "SuiteTask | None" = None) -> Path | None:
     """Returns the file that a named policy is read from; None for policies without a file.
 
-    Args:
-      name: of the policy.
-      task: that it acts in; without it, only files that are named as in `trained(file=...)` are found.
+    Without the task that it acts in, only files that are named as in `trained(file=...)` are found.
     """
     key, options = _key_and_options(name)
     return POLICIES[key].file(options, task) if key in POLICIES else None
@@ -366,9 +344,7 @@ def policy_file(name: str, task: "SuiteTask | None" = None) -> Path | None:
 def missing_observables(name: str, make_task: "Callable[[], SuiteTask]") -> list[str]:
     """Returns the extra observables that a named policy needs and that a task does not have.
 
-    Args:
-      name: of the policy.
-      make_task: returns the task; not called for policies that act in every task.
+    The task is that of `make_task`, which is not called for policies that act in every task.
     """
     key, options = _key_and_options(name)
     return POLICIES[key].missing_observables(make_task, options) if key in POLICIES else []
@@ -419,14 +395,6 @@ def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:
     )
 
 
-def _import_policy(name: str) -> Policy:
-    """Returns the callable that `module:callable` names."""
-    policy = checks.imported(name, "policy")
-    if not callable(policy):
-        raise ValueError(f"policy {checks.shown(name)} cannot be called: it is {checks.shown(policy)}")
-    return policy
-
-
 class _CheckedPolicy:
     """A policy that returns valid actions in fresh arrays, or raises a PolicyError that names it."""
 
@@ -437,7 +405,8 @@ class _CheckedPolicy:
         try:
             action = self._policy(timestep)
         except (Exception, SystemExit) as error:
-            problem = f"{type(error).__name__}: {error} ({_location(error)})"
+            frame = traceback.extract_tb(error.__traceback__)[-1]
+            problem = f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})"
             raise PolicyError(f"policy {checks.shown(self._name)} raised {problem}") from error
         try:
             return self._environment.task.checked_action(action)
@@ -447,9 +416,3 @@ class _CheckedPolicy:
     @property
     def labels(self) -> Mapping[str, NDArray]:
         return labels_of(self._policy)
-
-
-def _location(error: BaseException) -> str:
-    """File and line that raised an exception."""
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{frame.filename}, line {frame.lineno}"

@@ -17,11 +17,11 @@ from kitchen_suite import checks, files
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
 
+# Returns the action for a time step of an episode.
+EpisodePolicy = Callable[[dm_env.TimeStep], NDArray]
+
 # Version of the file layout, incremented when older versions of the suite would misread new files.
 FORMAT = 1
-
-# Algorithm of files that do not name theirs: those of PPO.
-_UNNAMED = "ppo"
 
 # Bound of the arrays of a file [bytes], a dozen times what the greatest policy of the package takes.
 _MAX_BYTES = 64 * 2**20
@@ -70,14 +70,19 @@ class StoredPolicy(abc.ABC):
     def check_fits(self, task: "SuiteTask") -> None:
         """Raises a ValueError unless the policy's sizes are a task's, and it can act in the task's control mode."""
 
-    @abc.abstractmethod
-    def episode(
-        self, task: "SuiteTask", generator: np.random.Generator
-    ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
-        """Returns the policy of an episode of a task; a ValueError if it does not fit the task.
+    def episode(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
+        """Returns the policy of an episode of a task, with its generator; a ValueError if it does not fit the task."""
+        self.check_fits(task)
+        act, convert = self._acting(task, generator), task.mdp.action_mode.conversion(self._control_mode(task))
+        if not convert:
+            return act
+        # The task may have another control mode than the actions.
+        inputs = task.policy_inputs
+        return lambda timestep: convert(inputs.state_and_requests(timestep.observation, ()).ravel(), act(timestep))
 
-        The generator is of the episode, for policies that draw.
-        """
+    @abc.abstractmethod
+    def _acting(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
+        """Returns the policy of an episode in the control mode that it was trained in."""
 
     @property
     @abc.abstractmethod
@@ -135,14 +140,6 @@ class StoredPolicy(abc.ABC):
         arguments = self.metadata.get("task_kwargs") or {}
         return arguments.get("control_mode") or next(iter(task.control_modes), task.mdp.action_mode.name)
 
-    def _acting_in(self, task: "SuiteTask", act: Callable[[dm_env.TimeStep], NDArray]) -> Callable[..., NDArray]:
-        """Returns the policy of an episode of a task, which may have another control mode than the actions of `act`."""
-        convert = task.mdp.action_mode.conversion(self._control_mode(task))
-        if not convert:
-            return act
-        inputs = task.policy_inputs
-        return lambda timestep: convert(inputs.state_and_requests(timestep.observation, ()).ravel(), act(timestep))
-
 
 Stored = TypeVar("Stored", bound=StoredPolicy)
 
@@ -156,7 +153,8 @@ def load(path: Path, classes: Sequence[type[Stored]]) -> Stored:
         raise ValueError(f"{path} has format {version}; this version reads {FORMAT}")
     by_algorithm = {each.algorithm: each for each in classes}
     try:
-        algorithm = checks.choice(metadata.get("algorithm", _UNNAMED), by_algorithm, "algorithm")
+        # Files of PPO do not name it.
+        algorithm = checks.choice(metadata.get("algorithm", "ppo"), by_algorithm, "algorithm")
         return by_algorithm[algorithm].from_arrays(arrays, metadata)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{problem}: {error}") from error

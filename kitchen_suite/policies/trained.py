@@ -2,16 +2,15 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-import dm_env
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
-from kitchen_suite.policies.stored import StoredPolicy
+from kitchen_suite.policies.stored import EpisodePolicy, StoredPolicy
 
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
@@ -81,11 +80,11 @@ class TrainedPolicy(StoredPolicy):
         """Returns the actions `(..., k)` for observations `(..., m)`, without exploration noise."""
         values = ((observations - self.mean) / self.deviation).astype(np.float32)
         values = np.clip(values, -self.clip, self.clip)
-        *hidden, last = zip(self.weights, self.biases, strict=True)
+        *hidden, (last_weight, last_bias) = zip(self.weights, self.biases, strict=True)
         for weight, bias in hidden:
-            values = _elu(values @ weight.T + bias)
-        weight, bias = last
-        return (values @ weight.T + bias) * self.action_scale
+            values = values @ weight.T + bias
+            values = np.where(values > 0, values, np.expm1(np.minimum(values, 0)))
+        return (values @ last_weight.T + last_bias) * self.action_scale
 
     @property
     def arrays(self) -> dict[str, NDArray]:
@@ -104,10 +103,13 @@ class TrainedPolicy(StoredPolicy):
         of_layers = [f"{kind}_{i}" for kind in ("weight", "bias") for i in layers]
         if odd := sorted(arrays.keys() ^ {"mean", "deviation", "clip", "action_scale", *of_layers}):
             raise ValueError(f"missing or unknown arrays {odd}")
+        clip = arrays["clip"]
+        if clip.shape != () or clip.dtype.kind not in "fiu":
+            raise ValueError(f"clip must be a number, not {clip.dtype} of shape {clip.shape}")
         return cls(
             mean=arrays["mean"],
             deviation=arrays["deviation"],
-            clip=_number(arrays["clip"], "clip"),
+            clip=float(clip),
             weights=tuple(arrays[f"weight_{i}"] for i in layers),
             biases=tuple(arrays[f"bias_{i}"] for i in layers),
             action_scale=arrays["action_scale"],
@@ -117,19 +119,9 @@ class TrainedPolicy(StoredPolicy):
     def check_fits(self, task: "SuiteTask") -> None:
         self._check_sizes_and_mode(task, observed=self.observation_size, expected=task.policy_inputs.size)
 
-    def episode(
-        self, task: "SuiteTask", generator: np.random.Generator
-    ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
-        self.check_fits(task)
+    def _acting(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
         flatten = task.policy_inputs.flatten
-        return self._acting_in(task, lambda timestep: self(flatten(timestep.observation).ravel()))
-
-
-def _number(array: NDArray, name: str) -> float:
-    """Returns the number that an array of shape `()` holds."""
-    if array.shape != () or array.dtype.kind not in "fiu":
-        raise ValueError(f"{name} must be a number, not {array.dtype} of shape {array.shape}")
-    return float(array)
+        return lambda timestep: self(flatten(timestep.observation).ravel())
 
 
 def shipped(task: "SuiteTask") -> Path:
@@ -140,15 +132,14 @@ def shipped(task: "SuiteTask") -> Path:
     """
     paths = [path for name in task.policy_inputs.names if (path := SHIPPED / f"{name}.npz").exists()]
     # Those that see, where they can, else the others.
-    by_sight = {sees: [path for path in paths if _sees(path, task) is sees] for sees in (True, False)}
-    paths = by_sight[True] or by_sight[False]
+    seeing, others = ([path for path in paths if _sees(path, task) is sees] for sees in (True, False))
+    paths = seeing or others
     if task.variations.by_name:
         paths = [path for path in paths if "variations" in _metadata(path)["task_kwargs"]] or paths
     if paths:
         return paths[0]
     title = f"{task.domain_name or 'task'} {task.policy_inputs.names[0]}"
-    others = {path.stem: _metadata(path) for path in sorted(SHIPPED.glob("*.npz"))}
-    present = [f"{metadata['domain_name']} {name}" for name, metadata in others.items()]
+    present = [f"{_metadata(path)['domain_name']} {path.stem}" for path in sorted(SHIPPED.glob("*.npz"))]
     raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
 
 
@@ -174,7 +165,3 @@ def shipped_as(name: str) -> Path:
     """
     names = sorted(path.stem for path in SHIPPED.glob("*.npz"))
     return SHIPPED / f"{checks.choice(name, names, 'trained policy that comes with the package')}.npz"
-
-
-def _elu(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.where(values > 0, values, np.expm1(np.minimum(values, 0)))

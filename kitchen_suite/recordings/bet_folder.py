@@ -1,4 +1,4 @@
-"""Recordings of the kitchen as the arrays of Behavior Transformers, which VQ-BeT, BESO and their descendants read."""
+"""Recordings as folders of the layout of Behavior Transformers. Needs no PyTorch."""
 
 import io
 import pickle
@@ -12,23 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.recordings import exports
 from kitchen_suite.recordings.d4rl_file import relay_observations
-from kitchen_suite.recordings.exports import ExportPlan, check_count, check_room
+from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-# Arguments with which goals are observed by task; no other domain has such observations.
-_OBSERVED, _GOAL_FORMAT = "goal", "dict"
+# The tasks of BeT's goals, in its order, which is FrankaKitchen-v1's.
+TASKS = DEFAULT_TASKS
 
-# The tasks of the goals, in BeT's order.
-TASKS = ("bottom burner", "top burner", "light switch", "slide cabinet", "hinge cabinet", "microwave", "kettle")
-
-# Files of arrays, by name without suffix, and the file of PyTorch's with the goals.
+# BeT's files of arrays, by name without suffix; its file of PyTorch's with the goals, and the tensor's numbers in it.
 _ARRAYS = ("observations_seq", "actions_seq", "existence_mask")
-_GOALS_FILE = "onehot_goals.pth"
-
-# Part of a file of PyTorch's that holds the numbers of a tensor.
-_NUMBERS = "archive/data/0"
+_GOALS_FILE, _NUMBERS = "onehot_goals.pth", "archive/data/0"
 
 
 class BeTPlan(ExportPlan):
@@ -36,22 +32,23 @@ class BeTPlan(ExportPlan):
 
     `observations_seq.npy` `(T, N, 60)`, see `relay_observations`; `actions_seq.npy` `(T, N, 9)`; `existence_mask.npy`
     `(T, N)`, 1 for the steps of an episode; `onehot_goals.pth` `(T, N, 7)`, the task that is completed next, by
-    `TASKS`, and all zero after the last one.
+    `TASKS`, and all zero after the last one. VQ-BeT, BESO and their descendants read them as well.
     """
 
     title = "BeT"
 
     def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
         super().__init__(dataset_id, spec, count, root)
+        # No other domain has such observations.
         observed = spec.env_class.find_obs_type(spec.argument("obs_type"))
-        if observed != _OBSERVED or spec.argument("goal_format") != _GOAL_FORMAT:
+        if observed != "goal" or spec.argument("goal_format") != "dict":
             raise ValueError("a dataset for BeT is of the domain kitchen, observed with goals by task")
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
         parts = [self.columns(environment, self.spec, episode) for episode in episodes]
         columns = {name: _side_by_side([part[name] for part in parts]) for name in parts[0]}
-        check_room(folder, sum(rows.nbytes for rows in columns.values()))
-        target = folder / self.name
+        exports.check_room(folder, sum(rows.nbytes for rows in columns.values()))
+        target = folder / self.path.name
         target.mkdir()
         for name in _ARRAYS:
             np.save(target / f"{name}.npy", columns[name])
@@ -71,8 +68,10 @@ class BeTPlan(ExportPlan):
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
         arrays = {name: np.load(path / f"{name}.npy", mmap_mode="r") for name in _ARRAYS}
         mask = arrays["existence_mask"]
-        check_count(mask.shape[1], count)
-        arrays["onehot_goals"] = _torch_numbers(path / _GOALS_FILE).reshape(*mask.shape, len(TASKS))
+        exports.check_count(mask.shape[1], count)
+        with zipfile.ZipFile(path / _GOALS_FILE) as archive:
+            goals = np.frombuffer(archive.read(_NUMBERS), "<f4")
+        arrays["onehot_goals"] = goals.reshape(*mask.shape, len(TASKS))
         for number in range(count):
             steps = np.count_nonzero(mask[:, number])
             columns = {name: np.array(rows[:steps, number]) for name, rows in arrays.items()}
@@ -110,12 +109,6 @@ def as_torch_file(array: NDArray[np.float32]) -> bytes:
         archive.writestr(_NUMBERS, array.astype("<f4").tobytes())
         archive.writestr("archive/version", "3\n")
     return buffer.getvalue()
-
-
-def _torch_numbers(path: Path) -> NDArray[np.float32]:
-    """Returns the numbers in a file of `as_torch_file`, in one row."""
-    with zipfile.ZipFile(path) as archive:
-        return np.frombuffer(archive.read(_NUMBERS), "<f4")
 
 
 def _tensor_pickle(size: int, shape: tuple[int, ...], strides: list[int]) -> bytes:

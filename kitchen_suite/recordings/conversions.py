@@ -24,15 +24,9 @@ from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.settings import ConvertSettings
 from kitchen_suite.versions import installed_versions
 
-# Ends of names that files of human demonstrations do not have.
-_NOT_HUMAN = (".npz", ".zarr")
-
 
 def convert_job(settings: ConvertSettings) -> "DatasetJob | RecordingJob | HumanDataJob":
-    """Returns the job of the direction that settings name: to a dataset, or to a recording.
-
-    Raises a ValueError unless they name exactly one.
-    """
+    """Returns the job of the direction that settings name, to a dataset or to a recording; a ValueError without one."""
     if (settings.output is None) == (settings.dataset is None):
         raise ValueError("name either --output=FOLDER, for a recording, or --dataset=OWNER/NAME, for a dataset")
     if settings.dataset is not None:
@@ -43,7 +37,8 @@ def convert_job(settings: ConvertSettings) -> "DatasetJob | RecordingJob | Human
     source = Path(settings.source)
     if record_file(source).is_file():
         return RecordingJob(source, settings.output)
-    if source.suffix in _NOT_HUMAN and source.exists():
+    # No human demonstrations have such names.
+    if source.suffix in (".npz", ".zarr") and source.exists():
         raise ValueError(f"{source} has no record of its episodes beside it, {record_file(source).name}")
     return HumanDataJob(settings.source, settings.output, settings.data_path)
 
@@ -55,7 +50,6 @@ class DatasetJob:
     usage_errors = ()
 
     def __init__(self, settings: ConvertSettings, dataset: str) -> None:
-        """Plans the dataset of a name."""
         self._source, self._folder = settings.source, RecordingFolder.open(Path(settings.source))
         spec, self._indices = self._folder.spec, self._folder.indices
         if not self._indices:
@@ -75,12 +69,8 @@ class DatasetJob:
         return "before the dataset was complete: there is none"
 
     def run(self) -> bool:
-        """Makes the dataset, unless it is there already."""
         with contextlib.closing(self._environment):
-            if self._plan.is_missing:
-                self._plan.make(self._environment, self._folder, self._indices)
-            else:
-                self._plan.check_holds(self._folder, self._indices)
+            self._plan.complete(self._environment, self._folder, self._indices)
         print(f"{len(self._indices)} episodes of {self._source}")
         print(f"dataset {self._plan.dataset_id} in {self._plan.path}")
         return True
@@ -97,27 +87,26 @@ class RecordingJob:
     usage_errors = (ValueError,)
 
     def __init__(self, source: Path, output: Path) -> None:
-        """Reads the record beside a dataset."""
-        self._source, self._output = source, output
-        record = read_record(record_file(source))
-        titles = {each.title: each for each in EXPORTS}
-        chosen = titles[checks.choice(record.format, titles, f"the format in {record_file(source)}")]
-        self._layout: type[ExportPlan] = pkgutil.resolve_name(chosen.plan)
+        self._source, self._output, path = source, output, record_file(source)
+        self._record = record = read_record(path)
+        plans = {each.title: each.plan for each in EXPORTS}
+        title = checks.choice(record.format, plans, f"the format in {path}")
+        self._layout: type[ExportPlan] = pkgutil.resolve_name(plans[title])
         self._layout.check_installed()
-        self._record, spec = record, EpisodeSpec.from_json(record.recording)
+        spec = EpisodeSpec.from_json(record.recording)
         # Of the program that plays the episodes now.
         self._spec = dataclasses.replace(spec, versions=installed_versions())
         if not record.seeds or spec.origin is not None or sorted({*record.seeds}) != record.seeds:
-            raise ValueError(f"{record_file(source)} has no seeds of episodes, in ascending order")
+            raise ValueError(f"{path} has no seeds of episodes, in ascending order")
         if record.seeds[0] < spec.seed:
-            raise ValueError(f"{record_file(source)} has seeds before the first one, {spec.seed}")
+            raise ValueError(f"{path} has seeds before the first one, {spec.seed}")
         self._environment = spec.make_environment()
         check_pictures(self._environment)
         self._finished = 0
 
     def progress(self) -> str:
-        finished = f"after {self._finished} of {len(self._record.seeds)} episodes"
-        return f"{finished}; the same command completes the recording"
+        count = len(self._record.seeds)
+        return f"after {self._finished} of {count} episodes; the same command completes the recording"
 
     def run(self) -> bool:
         """Plays the episodes, compares and writes them; none is written before the first one has been compared."""
@@ -152,12 +141,7 @@ class RecordingJob:
             if buffer.has_ended:
                 raise OSError(f"{where} goes on after its end: it was changed, or made elsewhere")
             buffer.step(environment, action)
-        episode = EpisodeArrays(
-            index=seed - self._spec.seed,
-            seed=seed,
-            arrays=buffer.arrays(),
-            instruction=suite_env(environment).instruction,
-        )
+        episode = buffer.episode(environment, seed - self._spec.seed, seed)
         if differing := _differing(columns, self._layout.columns(environment, self._spec, episode)):
             raise OSError(
                 f"{where} plays otherwise here, with another {differing}: it was changed, made elsewhere, or did not "

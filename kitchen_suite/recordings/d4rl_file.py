@@ -1,46 +1,29 @@
 """Recordings as HDF5 files of D4RL's layout, which many offline learners read. Needs the extra `record`."""
 
 import importlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
-from kitchen_suite.recordings.exports import (
-    ExportPlan,
-    GrowingFile,
-    datasets_of,
-    episodes_between,
-    further_observations,
-    state_observations,
-)
+from kitchen_suite.recordings import exports
+from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS
 
-# Of the kitchen's observation, what the 60 numbers of the Relay Policy Learning environments begin with.
+# In an HDF5 file, greatest sizes of an array of one control step beside its contents, and of a name in a list [bytes].
+_OVERHEAD, ROW_BYTES = 4096, 64
+
+# The 30 positions of an observation, the robot's and then the objects'; Relay Policy Learning's 60 numbers begin so.
 POSITIONS = np.r_[ROBOT_POSITIONS, OBJECT_POSITIONS]
+
 _ROBOT = len(np.r_[ROBOT_POSITIONS])
-
-
-def relay_observations(environment: SuiteEnv, episode: EpisodeArrays) -> NDArray[np.float64]:
-    """Returns observations of the kitchen `(T + 1, 60)`: 30 positions, and the goals in the same layout.
-
-    Where no task is requested, goals are 0.
-    """
-    task, arrays = environment.composer_task, episode.arrays
-    requested = arrays.get("observation/requested_tasks")
-    observations = arrays["observation/observation"]
-    goals = np.zeros((len(observations), POSITIONS.size))
-    for number, name in enumerate(task.mdp.goals.tasks):
-        if (key := f"observation/desired_goal/{name}") in arrays:
-            elements = task.scene.elements(GOALS[name].prop, GOALS[name].joints)
-            goals[:, _ROBOT + elements] = arrays[key] * (1.0 if requested is None else requested[:, [number]])
-    return np.concatenate([observations[:, POSITIONS], goals], axis=1)
 
 
 class D4RLPlan(ExportPlan):
@@ -62,7 +45,7 @@ class D4RLPlan(ExportPlan):
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
-        arrays, observed = episode.arrays, state_observations(episode)
+        arrays, observed = episode.arrays, exports.state_observations(episode)
         is_relay = any(name.startswith("observation/desired_goal/") for name in arrays)
         observations = relay_observations(suite_env(environment), episode) if is_relay else observed
         ends = arrays["truncation"].copy()
@@ -76,12 +59,65 @@ class D4RLPlan(ExportPlan):
             "terminals": arrays["termination"],
             "timeouts": ends & ~arrays["termination"],
         }
-        further = {f"infos/{key}": each[:-1] for key, each in further_observations(episode).items()}
+        further = {f"infos/{key}": each[:-1] for key, each in exports.further_observations(episode).items()}
         return {**rows, **({"infos/observations": observed[:-1]} if is_relay else {}), **further}
 
     @classmethod
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
         with importlib.import_module("h5py").File(path, "r") as file:
             ends = np.flatnonzero(file["terminals"][()] | file["timeouts"][()]) + 1
-            for rows in episodes_between(datasets_of(file), ends, count):
+            for rows in exports.episodes_between(datasets_of(file), ends, count):
                 yield rows["actions"], rows
+
+
+def relay_observations(environment: SuiteEnv, episode: EpisodeArrays) -> NDArray[np.float64]:
+    """Returns observations of the kitchen `(T + 1, 60)`: 30 positions, and their goals, 0 where none is requested."""
+    task, arrays = environment.composer_task, episode.arrays
+    requested = arrays.get("observation/requested_tasks")
+    observations = arrays["observation/observation"]
+    goals = np.zeros((len(observations), POSITIONS.size))
+    for number, name in enumerate(task.mdp.goals.tasks):
+        if (key := f"observation/desired_goal/{name}") in arrays:
+            elements = task.scene.elements(GOALS[name].prop, GOALS[name].joints)
+            goals[:, _ROBOT + elements] = arrays[key] * (1.0 if requested is None else requested[:, [number]])
+    return np.concatenate([observations[:, POSITIONS], goals], axis=1)
+
+
+class GrowingFile:
+    """Datasets of an HDF5 file to which rows are added, and from which an error of a full disk leaves nothing."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        exports.check_room(path.parent, _OVERHEAD)
+        self.file: Any = importlib.import_module("h5py").File(path, "w")
+
+    def __enter__(self) -> "GrowingFile":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.file.close()
+
+    def reserve(self, size: int) -> None:
+        """Raises an OSError unless the disk has room for `size` bytes more: HDF5 fails late, and with other errors."""
+        self.file.flush()
+        exports.check_room(self.path.parent, _OVERHEAD + size)
+
+    def append(self, arrays: Mapping[str, NDArray]) -> None:
+        self.reserve(sum(_OVERHEAD + 2 * rows.nbytes for rows in arrays.values()))
+        for name, rows in arrays.items():
+            if name not in self.file:
+                shape = rows.shape[1:]
+                chunk = (max(1, min(1024, 2**18 // max(1, rows[:1].nbytes))), *shape)
+                self.file.create_dataset(
+                    name, (0, *shape), rows.dtype, maxshape=(None, *shape), chunks=chunk, compression="gzip"
+                )
+            dataset = self.file[name]
+            dataset.resize(len(dataset) + len(rows), axis=0)
+            dataset[len(dataset) - len(rows) :] = rows
+
+
+def datasets_of(group: Any) -> dict[str, Any]:
+    """Returns the datasets in a group of an HDF5 file, and in groups there, by their paths."""
+    found: dict[str, Any] = {}
+    group.visititems(lambda name, item: found.update({name: item} if hasattr(item, "dtype") else {}))
+    return found

@@ -1,4 +1,4 @@
-"""Recordings as zarr stores of Diffusion Policy's replay buffer. Needs the extra `zarr`."""
+"""Recordings as zarr stores of Diffusion Policy's layout."""
 
 import importlib
 from collections.abc import Iterable, Iterator
@@ -8,18 +8,12 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.recordings.exports import (
-    ExportPlan,
-    check_room,
-    episodes_between,
-    further_observations,
-    key_of,
-    state_observations,
-)
+from kitchen_suite.recordings import exports
+from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-# Rows of a chunk.
+# Rows of a chunk of zarr.
 _CHUNK = 1024
 
 
@@ -36,12 +30,11 @@ class DiffusionPolicyPlan(ExportPlan):
     holds_pictures = True
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
-        zarr = importlib.import_module("zarr")
-        root = zarr.open_group(str(folder / self.path.name), mode="w")
+        root = importlib.import_module("zarr").open_group(str(folder / self.path.name), mode="w")
         data, ends = root.create_group("data"), list[int]()
         for episode in episodes:
             rows = self.columns(environment, self.spec, episode)
-            check_room(folder, sum(2 * each.nbytes for each in rows.values()))
+            exports.check_room(folder, sum(2 * each.nbytes for each in rows.values()))
             for name, each in rows.items():
                 if name not in data:
                     chunk = max(1, min(_CHUNK, 2**22 // max(1, each[:1].nbytes)))
@@ -53,15 +46,15 @@ class DiffusionPolicyPlan(ExportPlan):
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
-        arrays, observed = episode.arrays, state_observations(episode)[:-1]
+        arrays, observed = episode.arrays, exports.state_observations(episode)[:-1]
         names = (name for name in arrays if name.startswith("observation"))
-        pictures = {key_of(name): arrays[name][:-1] for name in names if arrays[name].ndim == 4}
-        further = {key: each[:-1] for key, each in further_observations(episode).items()}
+        pictures = {exports.key_of(name): arrays[name][:-1] for name in names if arrays[name].ndim == 4}
+        further = {key: each[:-1] for key, each in exports.further_observations(episode).items()}
         numbers = {"obs": observed} if observed.shape[1] else {}
         return {**numbers, "action": arrays["action"], "reward": arrays["reward"], **further, **pictures}
 
     @classmethod
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
         root = importlib.import_module("zarr").open_group(str(path), mode="r")
-        for rows in episodes_between(dict(root["data"].arrays()), root["meta/episode_ends"][:], count):
+        for rows in exports.episodes_between(dict(root["data"].arrays()), root["meta/episode_ends"][:], count):
             yield rows["action"], rows

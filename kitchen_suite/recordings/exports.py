@@ -2,12 +2,9 @@
 
 import abc
 import dataclasses
-import importlib
 import itertools
-import json
 import math
 import os
-import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -25,24 +22,12 @@ from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 
-# Name of the file beside a dataset, which says what it holds.
-RECORD_FILE = "{name}.kitchen_suite.json"
-
-_DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)
-
-# Greatest size that an array of one control step takes beside its contents, in a file of arrays [bytes].
-_OVERHEAD = 4096
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ExportRecord:
-    """Contents of the record.
+    """Contents of the record beside a dataset: the program that reads it, and the specification of the recording.
 
-    Attributes:
-      format: title of the program that reads it.
-      recording: specification of the recording.
-      num_episodes: number of episodes asked for.
-      seeds: of the episodes, in the order of the dataset.
+    `num_episodes` is the number asked for, `seeds` are in the order of the dataset.
     """
 
     format: str
@@ -67,17 +52,14 @@ class ExportPlan(DatasetPlan):
     holds_pictures: ClassVar[bool] = False
 
     def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
-        """Checks that the dataset can be made, or has been made already; errors as of `DatasetPlan`."""
         super().__init__(dataset_id, spec, count, root)
         self.check_installed()
-        if not _DATASET_ID.fullmatch(dataset_id):
-            raise ValueError(f"{checks.shown(dataset_id)} is no name of a dataset for {self.title}, such as me/kettle")
+        self._check_name(f"a dataset for {self.title}")
         if root is None:
             raise ValueError(f"a dataset for {self.title} needs a folder to be in: --data_path")
         if not self.holds_pictures and has_pictures(spec.env_class.find_obs_type(spec.argument("obs_type"))):
             raise ValueError(f"a dataset for {self.title} holds no pictures: record other observations")
-        self.folder = root / Path(dataset_id).parent
-        self.name = Path(dataset_id).name
+        self.path = root / f"{dataset_id}{self.suffix}"
         self._record_file = record_file(self.path)
         if self._record_file.exists():
             record = read_record(self._record_file)
@@ -86,11 +68,8 @@ class ExportPlan(DatasetPlan):
             self._check_same(record.recording, record.num_episodes)
             if not self.path.exists():
                 raise ValueError(f"{self.path} is gone, but not {self._record_file}: remove that as well")
-        else:
-            try:
-                self._check_free()
-            except FileExistsError as error:
-                raise ValueError(str(error)) from error
+        elif taken := self._taken:
+            raise ValueError(taken)
 
     @classmethod
     def check_installed(cls) -> None:
@@ -100,16 +79,12 @@ class ExportPlan(DatasetPlan):
             checks.installed([name], f"a dataset for {cls.title}", extra)
 
     @property
-    def path(self) -> Path:
-        return self.folder / f"{self.name}{self.suffix}"
-
-    @property
     def is_missing(self) -> bool:
         return not self._record_file.exists()
 
-    def check_holds(self, folder: RecordingFolder, indices: Sequence[int]) -> None:
-        seeds = [folder.spec.seed_of(index) for index in indices]
-        if not self.is_missing and read_record(self._record_file).seeds != seeds:
+    def complete(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
+        super().complete(environment, folder, indices)
+        if read_record(self._record_file).seeds != [folder.spec.seed_of(index) for index in indices]:
             raise FileExistsError(
                 f"dataset {self.dataset_id!r} was made of other episodes of this recording: name another one"
             )
@@ -124,37 +99,34 @@ class ExportPlan(DatasetPlan):
                 seeds.append(episode.seed)
                 yield episode
 
-        with files.temporary_folder(self.folder / self.name) as elsewhere:
+        with files.temporary_folder(self.path) as elsewhere:
             elsewhere.mkdir()
             self.write(elsewhere, environment, episodes(), len(indices))
             record = ExportRecord(
                 format=self.title, recording=self.spec.as_json(), num_episodes=self.count, seeds=seeds
             )
-            text = json.dumps(dataclasses.asdict(record), indent=1)
-            (elsewhere / self._record_file.name).write_text(f"{text}\n", encoding="utf-8")
+            files.write_json(elsewhere / self._record_file.name, vars(record), indent=1)
             self._move(elsewhere)
 
     def _move(self, elsewhere: Path) -> None:
-        """Moves what has been written to its place, the record last; after an error nothing is there.
-
-        Raises a FileExistsError if something has come there in the meantime.
-        """
+        """Moves what has been written to its place, the record last; nothing is there after an error."""
         moved: list[Path] = []
         try:
-            self._check_free()
+            if taken := self._taken:
+                raise FileExistsError(taken)
             for made in sorted(elsewhere.iterdir(), key=lambda path: path.name == self._record_file.name):
-                os.rename(made, self.folder / made.name)
-                moved.append(self.folder / made.name)
+                os.rename(made, self.path.with_name(made.name))
+                moved.append(self.path.with_name(made.name))
         except BaseException:
             for path in moved:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
             raise
 
-    def _check_free(self) -> None:
-        """Raises a FileExistsError if something is where the dataset is to be."""
-        for path in (self.path, *self.further):
-            if path.exists():
-                raise FileExistsError(f"{path} exists, and is not of this dataset: name another one")
+    @property
+    def _taken(self) -> str:
+        """What is where the dataset is to be; empty if nothing is."""
+        found = next((path for path in (self.path, *self.further) if path.exists()), None)
+        return f"{found} exists, and is not of this dataset: name another one" if found else ""
 
     @property
     def further(self) -> tuple[Path, ...]:
@@ -168,26 +140,22 @@ class ExportPlan(DatasetPlan):
     @classmethod
     @abc.abstractmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
-        """Returns the arrays that a dataset holds of an episode, by their names there.
-
-        Args:
-          environment: that the episode was recorded in.
-          spec: of the recording.
-          episode: to be held.
-        """
+        """Returns the arrays that a dataset holds of an episode of a recording, by their names there."""
 
     @classmethod
     @abc.abstractmethod
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
-        """Yields the actions `(T, n)` and all `columns` of each episode of a dataset, in order.
-
-        Raises any exception where the dataset is damaged, or has not `count` episodes.
-        """
+        """Yields actions `(T, n)` and all `columns` of each of `count` episodes; any exception for damaged ones."""
 
 
 def record_file(path: Path) -> Path:
     """Returns the path of the record beside a dataset."""
-    return path.with_name(RECORD_FILE.format(name=path.name))
+    return path.with_name(f"{path.name}.kitchen_suite.json")
+
+
+def read_record(path: Path) -> ExportRecord:
+    """Reads the record beside a dataset; raises an OSError if it cannot be read."""
+    return files.load_record(path, ExportRecord, "the record of a dataset")
 
 
 def check_count(found: int, count: int) -> None:
@@ -197,12 +165,9 @@ def check_count(found: int, count: int) -> None:
 
 
 def episodes_between(columns: Mapping[str, Any], ends: NDArray, count: int) -> Iterator[dict[str, NDArray]]:
-    """Yields the rows of each episode.
+    """Yields the rows of each of `count` episodes, whose `ends` are the numbers of the rows after their last ones.
 
-    Args:
-      columns: arrays of NumPy, HDF5 or zarr by name, with the rows of all episodes one after the other.
-      ends: for each episode, the number of the row after its last one.
-      count: number of episodes that there should be.
+    `columns` are arrays of NumPy, HDF5 or zarr by name, with the rows of all episodes one after the other.
     """
     check_count(len(ends), count)
     for name, rows in columns.items():
@@ -212,15 +177,6 @@ def episodes_between(columns: Mapping[str, Any], ends: NDArray, count: int) -> I
     for start, stop in itertools.pairwise([0, *ends.tolist()]):
         files.check_size((stop - start) * row_bytes, files.MAX_ARRAY_BYTES)
         yield {name: rows[start:stop] for name, rows in columns.items()}
-
-
-def read_record(path: Path) -> ExportRecord:
-    """Reads the record beside a dataset; raises an OSError if it cannot be read."""
-    record = files.load_json(path, "the record of a dataset")
-    try:
-        return files.parse(record, ExportRecord, f"{path} is no record of a dataset")
-    except ValueError as error:
-        raise OSError(str(error)) from error
 
 
 def state_observations(episode: EpisodeArrays) -> NDArray:
@@ -271,48 +227,3 @@ def check_room(folder: Path, size: int) -> None:
     spare = folder / "reserved"
     files.reserve(spare, size)
     spare.unlink()
-
-
-def datasets_of(group: Any) -> dict[str, Any]:
-    """Returns the datasets in a group of an HDF5 file, and in groups there, by their paths."""
-    found: dict[str, Any] = {}
-    group.visititems(lambda name, item: found.update({name: item} if hasattr(item, "dtype") else {}))
-    return found
-
-
-class GrowingFile:
-    """Datasets of an HDF5 file to which rows are added, and from which an error of a full disk leaves nothing."""
-
-    def __init__(self, path: Path) -> None:
-        """Makes the file, empty."""
-        self.path = path
-        check_room(path.parent, _OVERHEAD)
-        self.file: Any = importlib.import_module("h5py").File(path, "w")
-
-    def __enter__(self) -> "GrowingFile":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.file.close()
-
-    def reserve(self, size: int) -> None:
-        """Raises an OSError unless the disk has room for `size` bytes more than what has been added up to now.
-
-        HDF5 fails late, and with other errors.
-        """
-        self.file.flush()
-        check_room(self.path.parent, _OVERHEAD + size)
-
-    def append(self, arrays: Mapping[str, NDArray]) -> None:
-        """Adds rows to datasets by name, which are made where they are missing."""
-        self.reserve(sum(_OVERHEAD + 2 * rows.nbytes for rows in arrays.values()))
-        for name, rows in arrays.items():
-            if name not in self.file:
-                shape = rows.shape[1:]
-                chunk = (max(1, min(1024, 2**18 // max(1, rows[:1].nbytes))), *shape)
-                self.file.create_dataset(
-                    name, (0, *shape), rows.dtype, maxshape=(None, *shape), chunks=chunk, compression="gzip"
-                )
-            dataset = self.file[name]
-            dataset.resize(len(dataset) + len(rows), axis=0)
-            dataset[len(dataset) - len(rows) :] = rows

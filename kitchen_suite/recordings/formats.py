@@ -1,11 +1,12 @@
 """Formats of datasets that recordings are made into, and sources of episodes to replay: folders, and such datasets.
 
-A further format is a module with plan and source, and an entry in `FORMATS`.
+A further format is a plan, a source, and an entry in `FORMATS`.
 """
 
 import abc
 import dataclasses
 import pkgutil
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -18,41 +19,39 @@ from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
+# As the Hugging Face hub accepts names.
+_DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)
+
 
 class DatasetPlan(abc.ABC):
-    """A dataset that will hold the first episodes of a recording.
+    """A dataset that will hold the first `count` episodes of a recording, in the folder or file `path`."""
 
-    Attributes:
-      dataset_id: its name.
-      spec: of the recording.
-      count: number of episodes.
-    """
+    path: Path
 
     def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
         """Checks that the dataset can be made in a folder, by default the library's own, or has been made already.
 
-        Raises:
-          ImportError: the library is not installed.
-          ValueError: the name is malformed or taken by another dataset, or the recording cannot be a dataset.
+        Raises an ImportError if the library is not installed, a ValueError if the name is malformed or taken by another
+        dataset, or the recording cannot be a dataset.
         """
         self.dataset_id, self.spec, self.count, self._root = dataset_id, spec, count, root
 
     @property
-    @abc.abstractmethod
-    def path(self) -> Path:
-        """Folder of the dataset."""
-
-    @property
     def is_missing(self) -> bool:
-        """Whether the dataset has still to be made."""
         return not self.path.exists()
 
     @abc.abstractmethod
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         """Makes the dataset of episodes that were recorded in an environment; after an error there is none."""
 
-    def check_holds(self, folder: RecordingFolder, indices: Sequence[int]) -> None:  # noqa: B027
-        """Raises a FileExistsError if the dataset is there, but is not of these episodes."""
+    def complete(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
+        """Makes the dataset, unless it is there already; raises a FileExistsError if that one has other episodes."""
+        if self.is_missing:
+            self.make(environment, folder, indices)
+
+    def _check_name(self, kind: str) -> None:
+        if not _DATASET_ID.fullmatch(self.dataset_id):
+            raise ValueError(f"{checks.shown(self.dataset_id)} is no name of {kind}, such as me/kettle")
 
     def _check_same(self, spec: object, count: object) -> None:
         """Raises a ValueError unless a dataset that is there holds the first `count` episodes of the recording."""
@@ -68,17 +67,15 @@ class DatasetPlan(abc.ABC):
 
 
 class Source(abc.ABC):
-    """Episodes, and the environment that they were recorded in."""
+    """Episodes, and the environment that they were recorded in.
 
-    @property
-    @abc.abstractmethod
-    def spec(self) -> EpisodeSpec | None:
-        """The specification of the episodes; None where another program recorded them."""
+    Attributes:
+      spec: the specification of the episodes; None where another program recorded them.
+      indices: numbers of the episodes, in order.
+    """
 
-    @property
-    @abc.abstractmethod
-    def indices(self) -> Sequence[int]:
-        """Numbers of the episodes, in order."""
+    spec: EpisodeSpec | None
+    indices: Sequence[int]
 
     @abc.abstractmethod
     def make_environment(self, **rendering: Any) -> gymnasium.Env:
@@ -97,21 +94,13 @@ class FolderSource(Source):
     """A folder of `kitchen-record` or `kitchen-rollout`."""
 
     def __init__(self, folder: Path) -> None:
-        """Opens the folder; raises as `RecordingFolder.open`, and a ValueError for episodes of other programs."""
-        self._folder = RecordingFolder.open(folder)
-        if self.spec.origin is not None:
+        self._folder = recording = RecordingFolder.open(folder)
+        if recording.spec.origin is not None:
             raise ValueError(f"{folder} was made by kitchen-convert, and holds no states from which to replay")
-
-    @property
-    def spec(self) -> EpisodeSpec:
-        return self._folder.spec
-
-    @property
-    def indices(self) -> Sequence[int]:
-        return self._folder.indices
+        self.spec, self.indices = recording.spec, recording.indices
 
     def make_environment(self, **rendering: Any) -> gymnasium.Env:
-        return self.spec.make_environment(**rendering)
+        return self._folder.spec.make_environment(**rendering)
 
     def load(self, index: int) -> EpisodeArrays:
         return self._folder.load(index)
@@ -119,12 +108,9 @@ class FolderSource(Source):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Format:
-    """A format of datasets.
+    """A format of datasets: its value of `--format`, the program that defines it, and the name of a dataset.
 
     Attributes:
-      name: value of `--format`.
-      title: name of the program that defines it.
-      example: name of a dataset.
       plan: entry point of its `DatasetPlan`.
       source: entry point of a function that opens the dataset of a name or in a folder, given that and the folder of
         all datasets (None: the program's own) as paths; it returns None where there is no such dataset. None for a
@@ -188,11 +174,7 @@ FORMATS: Mapping[str, Format] = MappingProxyType({each.name: each for each in (M
 
 
 def find_source(name: str, root: Path | None = None) -> Source:
-    """Returns the recording in a folder, or the dataset of a name or in a folder.
-
-    Args:
-      name: of the folder or the dataset.
-      root: folder of the datasets; that of their program when omitted.
+    """Returns the recording in a folder, or the dataset in a folder or of a name below `root`, or its program's folder.
 
     Raises:
       ImportError: it may be a dataset, but the library of its format is not installed.

@@ -5,7 +5,6 @@ formats are nine joint velocities in units of 2 rad/s and 2 m/s, which are added
 their noise: the control mode `joint_velocity`.
 """
 
-import abc
 import collections
 import contextlib
 import importlib
@@ -21,6 +20,7 @@ from tqdm import tqdm
 from kitchen_suite import checks, files
 from kitchen_suite.entities import Scene
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
+from kitchen_suite.recordings.d4rl_file import POSITIONS
 from kitchen_suite.recordings.exports import record_file
 from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.recordings.minari_dataset import MinariSource
@@ -34,23 +34,11 @@ from kitchen_suite.tasks.kitchen.requests import in_order, order_of
 from kitchen_suite.tasks.task import Metrics
 from kitchen_suite.versions import installed_versions
 
-# Numbers of an observation and of an action of the kitchen.
-STATE_SIZE, ACTION_SIZE = SIZE, 9
-
-# Positions in an observation, the robot's and then the objects'; D4RL's first 30 numbers.
-POSITIONS = np.r_[ROBOT_POSITIONS, OBJECT_POSITIONS]
-
-# D4RL's observations are the positions, then goals in the same layout, 0 where there is none.
-_D4RL_SIZE = 2 * POSITIONS.size
-
-_SUFFIXES = (".hdf5", ".h5")
+# Numbers of an action of the kitchen.
+ACTION_SIZE = 9
 
 # An episode may ask for any number of the seven tasks; episodes go on after their last completion.
-_TASK = "all"
 _TASK_KWARGS: dict[str, Any] = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
-
-# Stands for the policy in the recording.
-_POLICY = "human"
 
 
 class Demonstration(NamedTuple):
@@ -69,39 +57,16 @@ class Demonstration(NamedTuple):
     goals: Sequence[str]
 
 
-class HumanData(abc.ABC):
-    """Demonstrations in the format of another program.
+class D4RLData:
+    """A file of D4RL, such as kitchen-complete-v0, with flat arrays of all control steps.
 
-    Attributes:
-      format: its name.
-      has_velocities: whether observations have velocities beside positions.
+    Its observations are the positions, then goals in the same layout, 0 where there is none.
     """
-
-    format: str
-    has_velocities: bool
-
-    @abc.abstractmethod
-    def __len__(self) -> int:
-        """Number of episodes."""
-
-    @abc.abstractmethod
-    def read(self) -> Iterator[Demonstration]:
-        """Yields the episodes in order.
-
-        Raises:
-          OSError: the data cannot be read.
-          ValueError: an episode has another layout.
-        """
-
-
-class D4RLData(HumanData):
-    """A file of D4RL, such as kitchen-complete-v0, with flat arrays of all control steps."""
 
     format = "D4RL"
     has_velocities = False
 
     def __init__(self, path: Path, scene: Scene) -> None:
-        """Reads a file, given the scene of the kitchen."""
         self._scene, arrays = scene, _read_hdf5(path)
         for name in ("observations", "actions", "terminals"):
             if name not in arrays:
@@ -110,9 +75,8 @@ class D4RLData(HumanData):
                     f"kitchen-record made for another program needs its record beside it, {record_file(path).name}"
                 )
         count = np.atleast_1d(arrays["observations"]).shape[0]
-        _check_shape(
-            arrays["observations"], (count, _D4RL_SIZE), f"observations of {path}", "30 positions and 30 goals"
-        )
+        shape = (count, 2 * POSITIONS.size)
+        _check_shape(arrays["observations"], shape, f"observations of {path}", "30 positions and 30 goals")
         _check_actions(arrays["actions"], count, f"actions of {path}")
         ends = np.zeros(count, bool)
         for name in ("terminals", "timeouts"):
@@ -132,7 +96,7 @@ class D4RLData(HumanData):
     def read(self) -> Iterator[Demonstration]:
         for start, stop in self._rows:
             recorded = self._observations[start:stop]
-            observations = np.full((stop - start, STATE_SIZE), np.nan)
+            observations = np.full((stop - start, SIZE), np.nan)
             observations[:, POSITIONS] = recorded[:, : POSITIONS.size]
             goals = self._tasks_of(recorded[0, POSITIONS.size + ACTION_SIZE :])
             yield Demonstration(observations, self._actions[start : stop - 1], {}, goals)
@@ -145,14 +109,13 @@ class D4RLData(HumanData):
         return tuple(task for task, (at, goal) in wanted.items() if np.allclose(goals[at], goal.value, atol=ROUNDING))
 
 
-class MinariData(HumanData):
+class MinariData:
     """A Minari dataset of FrankaKitchen-v1, such as D4RL/kitchen/complete-v2."""
 
     format = "Minari"
     has_velocities = True
 
     def __init__(self, source: MinariSource, name: str) -> None:
-        """Takes a dataset; `name` is for messages."""
         self._source, self._name = source, name
         if source.spec is not None or not source.is_original:
             raise ValueError(
@@ -164,12 +127,13 @@ class MinariData(HumanData):
         return len(self._source.indices)
 
     def read(self) -> Iterator[Demonstration]:
+        """Yields the episodes in order; a ValueError where one has another layout."""
         for index in self._source.indices:
             arrays, what = self._source.load(index).arrays, f"of episode {index} of {self._name}"
             steps, key = len(arrays["reward"]), "observation/observation"
             if key not in arrays:
                 raise ValueError(f"the observations {what} have no part 'observation'")
-            _check_shape(arrays[key], (steps + 1, STATE_SIZE), f"observations {what}", "positions and velocities")
+            _check_shape(arrays[key], (steps + 1, SIZE), f"observations {what}", "positions and velocities")
             _check_actions(arrays["action"], steps, f"actions {what}")
             achieved = {
                 task: arrays[name] for task in DEFAULT_TASKS if (name := f"observation/achieved_goal/{task}") in arrays
@@ -179,10 +143,10 @@ class MinariData(HumanData):
             yield Demonstration(arrays[key].astype(np.float64), arrays["action"], achieved, tuple(achieved))
 
 
-def open_data(name: str, root: Path | None, scene: Scene) -> HumanData:
+def open_data(name: str, root: Path | None, scene: Scene) -> D4RLData | MinariData:
     """Opens a file of D4RL by its path, or a Minari dataset by its name below `root`, or by its own folder."""
     path = Path(name)
-    if path.suffix in _SUFFIXES or path.is_file():
+    if path.suffix in (".hdf5", ".h5") or path.is_file():
         return D4RLData(path, scene)
     source = find_source(name, root)
     if not isinstance(source, MinariSource):
@@ -191,7 +155,6 @@ def open_data(name: str, root: Path | None, scene: Scene) -> HumanData:
 
 
 def _read_hdf5(path: Path) -> dict[str, NDArray]:
-    """Returns the arrays of numbers at the top of an HDF5 file by name."""
     try:
         h5py: Any = importlib.import_module("h5py")
     except ImportError as error:
@@ -205,7 +168,6 @@ def _read_hdf5(path: Path) -> dict[str, NDArray]:
 
 
 def _check_shape(array: NDArray, shape: tuple[int, ...], what: str, meaning: str) -> None:
-    """Raises a ValueError unless an array has a shape and finite numbers."""
     if array.shape != shape:
         raise ValueError(f"{what} have shape {array.shape}, not {shape}: {meaning}")
     if not np.isfinite(array).all():
@@ -213,7 +175,6 @@ def _check_shape(array: NDArray, shape: tuple[int, ...], what: str, meaning: str
 
 
 def _check_actions(actions: NDArray, steps: int, what: str) -> None:
-    """Raises a ValueError unless an array holds velocities."""
     _check_shape(actions, (steps, ACTION_SIZE), what, "nine joint velocities")
     if (greatest := np.abs(actions).max(initial=0.0)) > 1.0 + ROUNDING:
         raise ValueError(
@@ -227,12 +188,8 @@ def convert(
 ) -> tuple[EpisodeArrays, Metrics, list[str]]:
     """Converts a demonstration to an episode that asks for the tasks that it completes, in the order of completion.
 
-    Rewards, completions and infos are those that the task's MDP computes from the recorded positions.
-
-    Args:
-      environment: the kitchen, with `tasks_per_episode`; it is not stepped.
-      index: number of the episode.
-      demonstration: to convert.
+    Rewards, completions and infos are those that the task's MDP computes from the recorded positions. Of `environment`,
+    the kitchen with `tasks_per_episode`, no step is made.
 
     Returns:
       The episode; its metrics, without success where it completes nothing; and the tasks that it completes, in order.
@@ -260,11 +217,9 @@ def convert(
 def _achieved(task: KitchenTask, demonstration: Demonstration) -> NDArray[np.float64]:
     """Returns the achieved goals `(T + 1, k)`: those recorded, or else the positions observed."""
     objects = demonstration.observations[:, OBJECT_POSITIONS]
-    parts = []
-    for name in task.policy_inputs.tasks:
-        goal = GOALS[name]
-        parts.append(demonstration.achieved.get(name, objects[:, task.scene.elements(goal.prop, goal.joints)]))
-    return np.concatenate(parts, axis=1)
+    goals = {name: GOALS[name] for name in task.policy_inputs.tasks}
+    observed = {name: objects[:, task.scene.elements(goal.prop, goal.joints)] for name, goal in goals.items()}
+    return np.concatenate([demonstration.achieved.get(name, rows) for name, rows in observed.items()], axis=1)
 
 
 def _completion_order(task: KitchenTask, achieved: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -288,20 +243,15 @@ class HumanDataJob:
     def __init__(self, source: str, output: Path, data_path: Path | None) -> None:
         """Opens the data of a file, or of a dataset below `data_path`, and starts the recording in a folder."""
         self._source, self._output = source, output
-        environments = EnvironmentSpec.make(domain_name="kitchen", task_name=_TASK, task_kwargs=_TASK_KWARGS)
+        environments = EnvironmentSpec.make(domain_name="kitchen", task_name="all", task_kwargs=_TASK_KWARGS)
         self._environment = suite_env(environments.make_environment())
         self._task = self._environment.composer_task
         self._data = open_data(source, data_path, self._task.scene)
         if not len(self._data):
             raise ValueError(f"{source} holds no episodes of two or more observations")
-        origin = {"format": self._data.format, "source": source}
+        origin, versions = {"format": self._data.format, "source": source}, installed_versions()
         spec = EpisodeSpec(
-            **vars(environments),
-            policy=_POLICY,
-            seed=0,
-            seeding="gymnasium",
-            versions=installed_versions(),
-            origin=origin,
+            **vars(environments), policy="human", seed=0, seeding="gymnasium", versions=versions, origin=origin
         )
         self._folder = RecordingFolder.claim(output, spec)
         self._finished = 0
@@ -310,7 +260,6 @@ class HumanDataJob:
         return f"after {self._finished} of {len(self._data)} episodes; the same command completes the recording"
 
     def run(self) -> bool:
-        """Converts the episodes; prints how many there are, and which tasks they complete."""
         tasks, numbers = collections.Counter[str](), collections.Counter[int]()
         goals, steps = set[str](), 0
         demonstrations = tqdm(self._data.read(), total=len(self._data), disable=None, leave=False)

@@ -21,26 +21,20 @@ from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks.task import PICTURE_AXES
 
-# Keys of the dataset's metadata: the specification of the recording, and the number of episodes asked for.
-SPEC_KEY = "kitchen_suite_recording"
-_COUNT_KEY = "kitchen_suite_num_episodes"
-
-# Keys of the task's sentence, and of the digest of the actions, in the metadata of an episode.
-INSTRUCTION_KEY = "instruction"
-_ACTIONS_KEY = "actions_sha256"
+# Keys of the metadata of a dataset, the specification of the recording and the number of episodes asked for; and of
+# those of an episode, the task's sentence and the digest of the actions.
+SPEC_KEY, _COUNT_KEY = "kitchen_suite_recording", "kitchen_suite_num_episodes"
+INSTRUCTION_KEY, _ACTIONS_KEY = "instruction", "actions_sha256"
 
 # HDF5 keeps seeds in attributes of 64 bits.
 _MAX_SEED = 2**63 - 1
 # Number of episodes in memory at the same time.
 _CHUNK = 20
 
-# Name of Minari's file of all episodes.
+# Minari's file of all episodes. A dataset without episodes takes at most so many bytes, and each array beside its
+# elements.
 _DATA_FILE = "main_data.hdf5"
-# Bytes that a dataset without episodes takes at most, and each array beside its elements.
 _EMPTY_BYTES, _ARRAY_BYTES = 2**16, 2**13
-
-# End of the name of a dataset.
-_VERSION = re.compile(r"-v\d+$")
 
 # Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
 _ORIGINAL_ID = "FrankaKitchen-v1"
@@ -55,17 +49,14 @@ class MinariPlan(DatasetPlan):
         super().__init__(dataset_id, spec, count, root)
         self._minari = import_minari()
         check_id(dataset_id)
+        with minari_root(root):
+            self.path = absolute_root() / dataset_id
         if spec.seed + count - 1 > _MAX_SEED:
             raise ValueError(f"seeds in a dataset may not exceed {_MAX_SEED}, got {spec.seed + count - 1}")
         if not self.is_missing:
             with minari_root(root), files.reading(self.path, "a Minari dataset"):
                 metadata = self._minari.load_dataset(dataset_id).storage.metadata
             self._check_same(metadata.get(SPEC_KEY), metadata.get(_COUNT_KEY))
-
-    @property
-    def path(self) -> Path:
-        with minari_root(self._root):
-            return absolute_root() / self.dataset_id
 
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         has_pictures = suite_env(environment).observations.has_pictures
@@ -104,7 +95,6 @@ class MinariPlan(DatasetPlan):
             os.rename(elsewhere / self.dataset_id, root / self.dataset_id)
 
     def _create(self, environment: gymnasium.Env, **options: Any) -> Any:
-        """Returns a new dataset without episodes; `options` are further ones of Minari."""
         spec = self.spec
         with warnings.catch_warnings():
             # About optional metadata: author, permalink, and another environment for evaluation.
@@ -143,21 +133,13 @@ class MinariSource(Source):
     def __init__(self, dataset: Any) -> None:
         """Takes a dataset that Minari has loaded; raises a ValueError if it is of another environment."""
         self._dataset = dataset
-        with self._reading("the metadata of a dataset"):
+        with files.reading(self._dataset.storage.data_path, "the metadata of a dataset"):
             spec = dataset.storage.metadata.get(SPEC_KEY)
-            self._spec = None if spec is None else EpisodeSpec.from_json(spec)
-            self._env_spec = dataset.env_spec
+            self.spec = None if spec is None else EpisodeSpec.from_json(spec)
+            self._env_spec, self.indices = dataset.env_spec, range(dataset.total_episodes)
         found = self._env_spec and self._env_spec.id
         if found not in (_ORIGINAL_ID, *gymnasium_env.IDS.values(), *gymnasium_env.TASK_IDS.values()):
             raise ValueError(f"dataset {dataset.id} is not of a domain of the suite, but of {found}")
-
-    @property
-    def spec(self) -> EpisodeSpec | None:
-        return self._spec
-
-    @property
-    def indices(self) -> Sequence[int]:
-        return range(self._dataset.total_episodes)
 
     @property
     def is_original(self) -> bool:
@@ -173,7 +155,7 @@ class MinariSource(Source):
         return gymnasium.make(env_id, max_episode_steps=limit, **{**rendering, **arguments})
 
     def load(self, index: int) -> EpisodeArrays:
-        with self._reading(f"episode {index}"):
+        with files.reading(self._dataset.storage.data_path, f"episode {index}"):
             _check_episode_size(self._dataset.storage.data_path, index)
             (data,) = self._dataset.iterate_episodes([index])
             (metadata,) = self._dataset.storage.get_episode_metadata([index])
@@ -195,15 +177,9 @@ class MinariSource(Source):
             episode.check(metadata.get(_ACTIONS_KEY))
         return episode
 
-    def _reading(self, what: str) -> contextlib.AbstractContextManager[None]:
-        return files.reading(self._dataset.storage.data_path, what)
-
 
 def _with_reset(labels: NDArray) -> NDArray:
-    """Returns labels `(T, ...)` of actions as infos `(T + 1, ...)` of the steps that they have made; zero at the reset.
-
-    So gym-hil's infos `is_intervention` and `teleop_action` stand beside those of the same step.
-    """
+    """Returns labels `(T, ...)` of actions as infos `(T + 1, ...)` of the steps that they make, 0 first, as gym-hil."""
     return np.concatenate([np.zeros_like(labels[:1]), labels])
 
 
@@ -218,7 +194,7 @@ def find(name: str, root: Path | None) -> MinariSource | None:
     for data in (Path(name), Path(name, "data")):
         if (data / "metadata.json").is_file():
             return MinariSource(_load_dataset(import_minari().MinariDataset, data))
-    if Path(name).exists() or not _VERSION.search(name):
+    if Path(name).exists() or not re.search(r"-v\d+$", name):
         return None
     minari = import_minari()
     check_id(name)
@@ -229,7 +205,6 @@ def find(name: str, root: Path | None) -> MinariSource | None:
 
 
 def _load_dataset(load: Callable[[Any], Any], name: str | Path) -> Any:
-    """Loads a dataset; raises an OSError if it is damaged."""
     with files.reading(Path(name), "a Minari dataset"):
         return load(name)
 

@@ -11,22 +11,17 @@ from numpy.typing import NDArray
 
 from kitchen_suite import files
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.exports import (
-    ExportPlan,
-    episodes_between,
-    further_observations,
-    physics_states,
-    state_observations,
-)
+from kitchen_suite.recordings import exports
+from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-# One episode in ten is for validation; of fewer there is no file for it.
+# One episode in ten is for validation, in the layouts that have such.
 _VALIDATION = 10
 
 
 class OGBenchPlan(ExportPlan):
-    """Files `NAME.npz` and `NAME-val.npz`, which `ogbench.utils.load_dataset` reads.
+    """Files `NAME.npz` and `NAME-val.npz`, which `ogbench.utils.load_dataset` reads; the latter from ten episodes on.
 
     Episodes are one after the other, each with a row more than it has control steps: `observations`, `qpos` and `qvel`
     from the reset to the last step; `actions`, of which the last row repeats the one before; `terminals`, 1 in the last
@@ -53,26 +48,26 @@ class OGBenchPlan(ExportPlan):
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
-        arrays, states = episode.arrays, physics_states(environment, spec, episode)
+        arrays, states = episode.arrays, exports.physics_states(environment, spec, episode)
         size = suite_env(environment).environment.physics.model.nq
         terminals = np.zeros(episode.steps + 1, np.float32)
         terminals[-1] = 1.0
         return {
-            "observations": state_observations(episode),
+            "observations": exports.state_observations(episode),
             "actions": np.concatenate([arrays["action"], arrays["action"][-1:]]),
             "terminals": terminals,
             "qpos": states[:, 1 : 1 + size],
             "qvel": states[:, 1 + size :],
             "rewards": np.concatenate([[0.0], arrays["reward"]]),
             "completions": np.concatenate([[False], arrays["termination"]]),
-            **further_observations(episode),
+            **exports.further_observations(episode),
         }
 
     @classmethod
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
         present = [each for each in (path, _validation_file(path)) if each.exists()]
         columns = _joined([files.unpack_arrays(each, count * files.MAX_ARRAY_BYTES) for each in present])
-        for rows in episodes_between(columns, np.flatnonzero(columns["terminals"]) + 1, count):
+        for rows in exports.episodes_between(columns, np.flatnonzero(columns["terminals"]) + 1, count):
             yield rows["actions"][:-1], rows
 
 
@@ -81,5 +76,4 @@ def _validation_file(path: Path) -> Path:
 
 
 def _joined(parts: Sequence[Mapping[str, NDArray]]) -> dict[str, NDArray]:
-    """Returns arrays by name, each with the rows of all parts."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

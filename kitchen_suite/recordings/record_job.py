@@ -23,6 +23,10 @@ from kitchen_suite.settings import RecordSettings
 from kitchen_suite.tasks.task import Metrics
 
 _DEMONSTRATOR = "expert(action_noise=0.1, jitter=0.01)"
+_UNDIRECTED = "undirected(action_noise=0.1, jitter=0.01{})"
+
+# Size of the sets that are made as D4RL's `partial` and `mixed`.
+_D4RL = {"num_episodes": 1_000, "max_episode_steps": 140}
 
 # As many steps as OGBench's sets of play have.
 _PLAY = {
@@ -31,7 +35,6 @@ _PLAY = {
     "num_episodes": 1_000,
     "max_episode_steps": 1_000,
 }
-_UNDIRECTED = "undirected(action_noise=0.1, jitter=0.01{})"
 
 # Noise on the expert's actions and poses makes all episodes differ. The last five are sets for offline learning; see
 # docs/guide/offline.md.
@@ -46,19 +49,9 @@ KITCHEN_PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         # The four tasks of D4RL's `complete`, always in the same order, in about as many episodes.
         "complete": {"task_name": "complete", "policy": _DEMONSTRATOR, "num_episodes": 20},
         # Tasks in random order; some episodes do the four that are rewarded, and no others.
-        "partial": {
-            "task_name": "partial",
-            "policy": _UNDIRECTED.format(", directed=0.1"),
-            "num_episodes": 1_000,
-            "max_episode_steps": 140,
-        },
+        "partial": {"task_name": "partial", "policy": _UNDIRECTED.format(", directed=0.1"), **_D4RL},
         # Tasks in random order; no episode does all four that are rewarded.
-        "mixed": {
-            "task_name": "mixed",
-            "policy": _UNDIRECTED.format(", spare_last=True"),
-            "num_episodes": 1_000,
-            "max_episode_steps": 140,
-        },
+        "mixed": {"task_name": "mixed", "policy": _UNDIRECTED.format(", spare_last=True"), **_D4RL},
         # All twenty tasks, without end: what has been done is undone.
         "play": {**_PLAY, "policy": _UNDIRECTED.format(", repertoire='twenty'")},
         # The same with large noise, and one uniform action in ten.
@@ -78,7 +71,6 @@ class RecordJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: RecordSettings) -> None:
-        """Prepares the recording, so that bad settings are refused before the first episode."""
         self._ray = settings.ray()
         self._settings = settings = _with_format(settings.resolved)
         self._spec = EpisodeSpec.of(settings, seeding="gymnasium")
@@ -95,8 +87,7 @@ class RecordJob:
         self._found = len(self._present())
 
     def progress(self) -> str:
-        finished = f"after {len(self._present())} of {len(self._wanted)} episodes"
-        return f"{finished}; the same command completes the recording"
+        return f"after {len(self._present())} of {len(self._wanted)} episodes; the same command completes the recording"
 
     def run(self) -> bool:
         """Plays the missing episodes, makes the dataset, and prints a summary, also after an error.
@@ -110,10 +101,8 @@ class RecordJob:
         try:
             with contextlib.closing(self._template_env):
                 diverged = self._play()
-                if self._plan and self._plan.is_missing:
-                    self._plan.make(self._template_env, self._folder, self._present())
-                elif self._plan:
-                    self._plan.check_holds(self._folder, self._present())
+                if self._plan:
+                    self._plan.complete(self._template_env, self._folder, self._present())
         finally:
             print(f"\n{self._summary()}")
         if not diverged:
@@ -156,7 +145,6 @@ class RecordJob:
 
     @property
     def _processes(self) -> int:
-        """Number of processes that play."""
         return self._ray.workers if self._ray else 1
 
     def _load_stats(self, index: int) -> EpisodeStats:
@@ -177,7 +165,6 @@ class RecordJob:
 
 
 def _with_format(settings: RecordSettings) -> RecordSettings:
-    """Returns settings with an observation type of the dataset's format."""
     if settings.format is None:
         return settings
     chosen = FORMATS[checks.choice(settings.format, FORMATS, "format")]
@@ -187,5 +174,4 @@ def _with_format(settings: RecordSettings) -> RecordSettings:
 
 
 def _types(metrics: Metrics) -> dict[str, type]:
-    """Returns the type of each metric by name."""
     return {name: type(value) for name, value in metrics.items()}

@@ -2,9 +2,10 @@
 
 import contextlib
 import dataclasses
+import itertools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -17,7 +18,7 @@ from tqdm import tqdm
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import VARIATION_VALUES, suite_env
 from kitchen_suite.recordings.formats import find_source
-from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, unflatten
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Watch, unflatten
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout import episode_name
 from kitchen_suite.rollouts.spec import reset_to_seed
@@ -41,25 +42,16 @@ _COLUMNS = {
 
 
 def replay(
-    environment: gymnasium.Env,
-    recorded: EpisodeArrays,
-    seeding: str,
-    watch: Callable[[EpisodeBuffer], None] = lambda buffer: None,
+    environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str, watch: Watch = lambda buffer: None
 ) -> EpisodeArrays:
     """Plays the actions of a recorded episode again, from its seed.
 
     Without a seed, noise cannot be drawn again: each of a kitchen's actions is then added to the recorded positions, as
     when it was recorded. An episode of a kitchen that began in another state than a reset begins in that state.
 
-    Args:
-      environment: made with the arguments of the recording.
-      recorded: the episode.
-      seeding: of the recording, see `rollouts.spec.SEEDINGS`.
-      watch: called after the reset and after every step.
-
-    Raises:
-      ValueError: the arrays do not fit the environment, or the episode has no seed, and its task's episodes start from
-        a seed only.
+    `environment` has the arguments of the recording, `seeding` is one of `rollouts.spec.SEEDINGS`, and `watch` is
+    called after the reset and after every step. Raises a ValueError if the arrays do not fit the environment, or the
+    episode has no seed, and its task's episodes start from a seed only.
     """
     _check_shape(recorded, "action", recorded.arrays["action"], environment.action_space.shape)
     states = _states(environment, recorded)
@@ -71,19 +63,13 @@ def replay(
             suite_env(environment).composer_task.set_observed_positions(states[step])
         buffer.step(environment, action)
         watch(buffer)
-    return EpisodeArrays(
-        index=recorded.index,
-        seed=recorded.seed,
-        arrays={**buffer.arrays(), "action": recorded.arrays["action"], **recorded.labels},
-        instruction=suite_env(environment).instruction,
-    )
+    episode = buffer.episode(environment, recorded.index, recorded.seed)
+    own = {"action": recorded.arrays["action"], **recorded.labels}
+    return dataclasses.replace(episode, arrays={**episode.arrays, **own})
 
 
 def _states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | None:
-    """Returns the flat observations `(T + 1, ...)` of a recording, without extra observables.
-
-    None if it does not hold them as a whole.
-    """
+    """Returns the flat observations `(T + 1, ...)` of a recording, if it has them, without extra observables."""
     inner = suite_env(environment)
     try:
         states = inner.observations.recover_flat(unflatten(recorded.arrays, "observation"))
@@ -137,10 +123,7 @@ class Comparison:
     """The differences between a recorded episode and its replay; steps count from 1, None without a difference.
 
     Attributes:
-      seed: of the episode.
       steps: number of control steps.
-      recorded_return: sum of the recorded rewards.
-      replayed_return: sum of the replayed rewards.
       rewards: first step with another reward.
       completions: first step after which other tasks are within their threshold (open_cabinet: with another success).
       tasks: those that differ there.
@@ -168,10 +151,7 @@ class Comparison:
 
 
 def compare(task: SuiteTask, recorded: EpisodeArrays, replayed: EpisodeArrays, *, truncations: bool) -> Comparison:
-    """Compares an episode with its replay.
-
-    Without `truncations` only terminations are compared: other recorders truncate where they stop.
-    """
+    """Compares an episode with its replay; truncations only if told to: other recorders truncate where they stop."""
     one, other = recorded.arrays, replayed.arrays
     ends = one["termination"] != other["termination"]
     if truncations:
@@ -188,12 +168,10 @@ def compare(task: SuiteTask, recorded: EpisodeArrays, replayed: EpisodeArrays, *
         tasks=tasks,
         ends=_first(ends),
         observation_difference=float(np.max([_difference(one, other, name) for name in names])),
-        arrays=tuple(name for name in names if not _are_equal(one, other, name)),
+        arrays=tuple(
+            name for name in names if name not in one or name not in other or not np.array_equal(one[name], other[name])
+        ),
     )
-
-
-def _are_equal(one: Mapping[str, NDArray], other: Mapping[str, NDArray], name: str) -> bool:
-    return name in one and name in other and np.array_equal(one[name], other[name])
 
 
 def _difference(one: Mapping[str, NDArray], other: Mapping[str, NDArray], name: str) -> float:
@@ -251,7 +229,6 @@ class ReplayJob:
     usage_errors = ()
 
     def __init__(self, settings: ReplaySettings) -> None:
-        """Prepares the replay, so that bad settings are refused before the first episode."""
         self._settings = settings
         self._source = find_source(settings.source, settings.data_path)
         self._indices = choose(self._source.indices, settings.episodes, settings.num_episodes)
@@ -266,7 +243,6 @@ class ReplayJob:
         return f"after {self._finished} of {len(self._indices)} episodes"
 
     def run(self) -> bool:
-        """Replays the episodes; prints a table row by row, and a verdict. Returns whether all are equal."""
         exactly = self._source.spec is not None
         print_line(f"{self._heading()}\n")
         equal = 0
@@ -280,14 +256,13 @@ class ReplayJob:
         print_line(f"\n{equal} of {len(self._indices)} episodes are equal")
         return equal == len(self._indices)
 
-    def _compare(self, index: int, watch: Callable[[EpisodeBuffer], None], exactly: bool) -> Comparison:
+    def _compare(self, index: int, watch: Watch, exactly: bool) -> Comparison:
         spec = self._source.spec
         recorded = self._source.load(index)
         replayed = replay(self._environment, recorded, spec.seeding if spec else "gymnasium", watch)
         return compare(self._inner.task, recorded, self._source.projected(replayed), truncations=exactly)
 
     def _heading(self) -> str:
-        """Returns the name of the recording, and the known differences to the environment here."""
         text = f"{self._settings.source}: {len(self._indices)} of {len(self._source.indices)} episodes"
         if self._source.spec is None:
             return f"{text}; recorded by another program, so that observations and truncations are not compared"
@@ -297,12 +272,10 @@ class ReplayJob:
 
 
 def choose(indices: Sequence[int], wanted: str | None, count: int) -> list[int]:
-    """Returns the episodes to replay.
+    """Returns the episodes to replay, of all `indices` in order.
 
-    Args:
-      indices: of all episodes, in order.
-      wanted: `all`, or numbers and ranges such as `0,5,7-9`; `count` of them when omitted.
-      count: number of episodes, spread evenly from the first to the last.
+    `wanted` is `all`, or numbers and ranges such as `0,5,7-9`; None for `count` of them, spread evenly from the first
+    to the last.
     """
     if not indices:
         raise ValueError("there are no episodes")
@@ -313,20 +286,18 @@ def choose(indices: Sequence[int], wanted: str | None, count: int) -> list[int]:
 
 
 def _listed(indices: Sequence[int], wanted: str) -> list[int]:
-    """Returns the episodes of a list of numbers and ranges."""
-    chosen: list[int] = []
+    present, chosen = {*indices}, list[int]()
     for part in wanted.split(","):
         if not (match := re.fullmatch(r"(\d+)(?:-(\d+))?", part)):
             raise ValueError(f"episodes must be 'all', or such as 0,5,7-9, got {checks.shown(wanted)}")
         first, last = int(match[1]), int(match[2] or match[1])
         if first > last:
             raise ValueError(f"the range {part} of episodes is empty")
-        for end in (first, last):
-            if end not in indices:
-                raise ValueError(f"there is no episode {end}: there are {len(indices)}, from {indices[0]}")
+        # The ends come first: a range may have any length.
+        for number in itertools.chain((first, last), range(first, last + 1)):
+            if number not in present:
+                raise ValueError(f"there is no episode {number}: there are {len(indices)}, from {indices[0]}")
         chosen += range(first, last + 1)
-    if missing := sorted({*chosen} - {*indices}):
-        raise ValueError(f"there is no episode {missing[0]}: there are {len(indices)}, from {indices[0]}")
     return chosen
 
 

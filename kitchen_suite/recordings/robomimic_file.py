@@ -1,4 +1,4 @@
-"""Recordings as HDF5 files of robomimic's layout, with states of the physics. Needs the extra `record`."""
+"""Recordings as HDF5 files of robomimic's layout. Needs the extra `record`."""
 
 import importlib
 import json
@@ -11,26 +11,17 @@ from numpy.typing import NDArray
 
 from kitchen_suite import files, suite
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.exports import (
-    ExportPlan,
-    GrowingFile,
-    check_count,
-    datasets_of,
-    key_of,
-    physics_states,
-)
+from kitchen_suite.recordings import exports
+from kitchen_suite.recordings.d4rl_file import ROW_BYTES, GrowingFile, datasets_of
+from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-# robomimic's type of environments of Gymnasium's interface.
-_GYM_TYPE = 2
-
-# One episode in ten is for validation.
+# One episode in ten is for validation, in the layouts that have such.
 _VALIDATION = 10
 
-
-# Greatest size that an episode takes in lists of them [bytes].
-_ROW_BYTES = 64
+# robomimic's type of environments of Gymnasium's interface.
+_GYM_TYPE = 2
 
 
 class RobomimicPlan(ExportPlan):
@@ -59,21 +50,20 @@ class RobomimicPlan(ExportPlan):
                 file.reserve(len(model.encode()))
                 group.attrs["model_file"] = model
                 total += episode.steps
-            file.reserve(_ROW_BYTES * count)
+            file.reserve(ROW_BYTES * count)
             data.attrs["total"] = total
             own = suite.task_arguments(spec.domain_name, spec.task_name)
             arguments = {"env_name": suite.find_domain(spec.domain_name).env_id, "type": _GYM_TYPE}
             data.attrs["env_args"] = json.dumps({**arguments, "env_kwargs": {**own, **spec.task_kwargs}})
             first = count // _VALIDATION
-            masks = {"train": range(first, count), "valid": range(first)}
-            for name, numbers in masks.items():
+            for name, numbers in {"train": range(first, count), "valid": range(first)}.items():
                 if numbers:
                     file.file[f"mask/{name}"] = [f"demo_{number}".encode() for number in numbers]
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
-        arrays, states = episode.arrays, physics_states(environment, spec, episode)
-        observed = {key_of(name): rows for name, rows in arrays.items() if name.startswith("observation")}
+        arrays, states = episode.arrays, exports.physics_states(environment, spec, episode)
+        observed = {exports.key_of(name): rows for name, rows in arrays.items() if name.startswith("observation")}
         return {
             "actions": arrays["action"],
             "rewards": arrays["reward"],
@@ -89,7 +79,7 @@ class RobomimicPlan(ExportPlan):
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
         with importlib.import_module("h5py").File(path, "r") as file:
             data = file["data"]
-            check_count(len(data), count)
+            exports.check_count(len(data), count)
             for number in range(count):
                 datasets = datasets_of(data[f"demo_{number}"])
                 files.check_size(sum(rows.nbytes for rows in datasets.values()), files.MAX_ARRAY_BYTES)

@@ -17,12 +17,7 @@ def camera_names(physics: "mjcf.Physics") -> list[str]:
 
 
 def find_camera(physics: "mjcf.Physics", camera: str) -> int:
-    """Returns the id of a camera.
-
-    Args:
-      physics: of the model that has the camera.
-      camera: name, or id in decimal digits.
-    """
+    """Returns the id of a model's camera, which is given by its name, or its id in decimal digits."""
     names = camera_names(physics)
     if not camera.isdecimal():
         return names.index(checks.choice(camera, names, "camera"))

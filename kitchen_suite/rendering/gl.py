@@ -41,11 +41,8 @@ class ContextOwner(Protocol):
 def prepare(*, rendering: bool | None) -> None:
     """Imports dm_control for a command. If images will be rendered, a GL library is tried and chosen before.
 
-    Sets `MUJOCO_GL` if it is unset and images will be rendered.
-
-    Args:
-      rendering: whether images will be rendered; otherwise no GL library is loaded. With None, for images that may be
-        rendered, one is loaded where that is possible, as `import_dm_control` does.
+    Then it sets `MUJOCO_GL` if that is unset; otherwise no GL library is loaded. With None, for images that may be
+    rendered, one is loaded where that is possible, as `import_dm_control` does.
 
     Raises:
       OSError: images will be rendered, but neither the library that `MUJOCO_GL` names nor, where it is unset, any
@@ -84,10 +81,8 @@ def import_dm_control() -> None:
 def making_context(owner: ContextOwner) -> Iterator[None]:
     """Context in which a GL context is made, with a library chosen as `import_dm_control` does.
 
-    The owner frees it at exit; garbage collection would free it after its display, and print errors to stderr.
-
-    Raises:
-      RuntimeError: the GL context cannot be made; the message says why, and what to do.
+    The owner frees it at exit; garbage collection would free it after its display, and print errors to stderr. If it
+    cannot be made, the message of a RuntimeError says why, and what to do.
     """
     _check_process()
     library = _choose()

@@ -46,40 +46,33 @@ def is_large(stl: bytes) -> bool:
 
 
 def light_stl(stl: bytes) -> bytes:
-    """Returns a binary STL file of about `MAX_FACES` faces with the shape of a larger one.
+    """Returns the contents of a binary STL file of about `MAX_FACES` faces with the shape of a larger one.
 
     It is read from the cache folder. If there is none, or a damaged one, it is made, and written there if possible.
-
-    Args:
-      stl: contents of the larger file.
     """
     path = _cache_path(stl)
-    kept = path and _read(path)
-    if kept:
+    if path and (kept := _read(path)):
         return kept
-    made = _decimate(stl)
-    if path:
-        _write(path, made)
-    return made
-
-
-def _decimate(stl: bytes) -> bytes:
     import trimesh  # Only installed with the extra.
 
     mesh = trimesh.load_mesh(io.BytesIO(stl), file_type="stl")
     light = mesh.simplify_quadric_decimation(face_count=MAX_FACES, aggression=_AGGRESSION)
-    contents: bytes = light.export(file_type="stl")
-    return contents
+    made: bytes = light.export(file_type="stl")
+    # Whole, or not at all where the folder cannot be written to.
+    with contextlib.suppress(OSError):
+        if path:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            files.remove_stale_partials(path.parent)
+            files.save_arrays(path, {"stl": np.frombuffer(made, np.uint8)}, {"faces": _count_faces(made)})
+    return made
 
 
 def _cache_path(stl: bytes) -> Path | None:
     """Returns where the light version of a mesh is kept, by its contents and all that the result depends on."""
-    root = files.cache_folder()
-    if root is None:
-        return None
     settings = (MAX_FACES, _AGGRESSION, *((name, _version(name)) for name in PACKAGES))
     digest = hashlib.sha256(repr(settings).encode() + stl).hexdigest()
-    return root / "light-meshes" / f"{digest}.npz"
+    root = files.cache_folder()
+    return root and root / "light-meshes" / f"{digest}.npz"
 
 
 def _read(path: Path) -> bytes | None:
@@ -90,14 +83,6 @@ def _read(path: Path) -> bytes | None:
         return None
     stl = arrays.get("stl", np.empty(0)).tobytes()
     return stl if 0 < _count_faces(stl) <= MAX_FACES else None
-
-
-def _write(path: Path, stl: bytes) -> None:
-    """Writes a light STL file whole; does nothing where the folder cannot be written to."""
-    with contextlib.suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        files.remove_stale_partials(path.parent)
-        files.save_arrays(path, {"stl": np.frombuffer(stl, np.uint8)}, {"faces": _count_faces(stl)})
 
 
 def _count_faces(stl: bytes) -> int:
@@ -114,14 +99,11 @@ def _version(package: str) -> str | None:
 
 
 def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Callable[[mjcf.Element], bool]") -> None:
-    """Sets how a model's images look; the physics stays the same to the bit.
+    """Sets how the images of a model and all that is attached to it look; the physics stays the same to the bit.
 
-    Args:
-      root: of the model, with all that is attached to it.
-      quality: `high` leaves the model as it is. `fast` turns off shadows, reflections, the sky with its haze, and
-        multisampling, which take most of the time where there is no graphics card. Primitive shapes have fewer faces,
-        and so have large meshes of visual geoms with the extra `pixels`.
-      is_visual: returns whether a geom is only for rendering.
+    The quality `high` leaves the model as it is. `fast` turns off shadows, reflections, the sky with its haze, and
+    multisampling, which take most of the time where there is no graphics card. Primitive shapes have fewer faces, and
+    so have large meshes of geoms that are only for rendering (`is_visual`) with the extra `pixels`.
     """
     if checks.choice(quality, RENDER_QUALITIES, "render_quality") == "high":
         return
@@ -134,18 +116,14 @@ def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Calla
     for texture in root.find_all("texture"):
         if texture.type == "skybox":
             texture.remove()
-    _lighten(_large_visual_meshes(root, is_visual))
-
-
-def _large_visual_meshes(root: "mjcf.RootElement", is_visual: "Callable[[mjcf.Element], bool]") -> "list[mjcf.Element]":
-    """Returns the meshes with more faces than a light mesh that only visual geoms have."""
-    root.resolve_references()  # A mesh that some geom has by its name is the same mesh.
-    geoms = root.find_all("geom")
-    of_visual = {geom.mesh for geom in geoms if is_visual(geom)}
-    of_others = {geom.mesh for geom in geoms if not is_visual(geom)}
-    visual = of_visual - of_others
+    # Meshes that only visual geoms have; one that some geom has by its name is the same mesh.
+    root.resolve_references()
+    by_kind: dict[bool, set[mjcf.Element]] = {True: set(), False: set()}
+    for geom in root.find_all("geom"):
+        by_kind[bool(is_visual(geom))].add(geom.mesh)
+    visual = by_kind[True] - by_kind[False]
     meshes = [mesh for mesh in root.find_all("mesh") if mesh in visual and mesh.file is not None]
-    return [mesh for mesh in meshes if is_large(mesh.file.contents)]
+    _lighten([mesh for mesh in meshes if is_large(mesh.file.contents)])
 
 
 def _lighten(meshes: "list[mjcf.Element]") -> None:

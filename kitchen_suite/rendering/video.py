@@ -36,19 +36,10 @@ def open_video(
     frames_per_second: float,
     on_partial: Callable[[int], None] = lambda frames: None,
 ) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
-    """Yields a function that appends a frame, uint8 `(height, width, 3)`, to a video.
+    """Yields a function that appends a frame, uint8 `(height, width, 3)`, to a video; both are even.
 
-    An exception, such as an interrupt, ends the video early: the frames until then are kept.
-
-    Args:
-      path: an mp4 file; an existing one is replaced.
-      width: an even number of pixels.
-      height: an even number of pixels.
-      frames_per_second: playback rate.
-      on_partial: called with the number of frames when an exception has ended the video early.
-
-    Raises:
-      OSError: ffmpeg failed, or the disk is full.
+    An existing mp4 file is replaced. An exception, such as an interrupt, ends the video early: the frames until then
+    are kept, and `on_partial` is called with their number. An OSError means that ffmpeg failed, or the disk is full.
     """
     early_end = None
     with files.atomic_write(path) as partial:

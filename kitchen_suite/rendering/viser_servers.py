@@ -1,12 +1,12 @@
 """Servers of viser: one bound to localhost, and one without a port; needs the extra `web`."""
 
 import contextlib
-import functools
 import http
 import io
 import logging
 import socket
 import types
+import unittest.mock
 import urllib.parse
 import warnings
 from collections.abc import Callable, Iterator
@@ -35,11 +35,7 @@ def local_server(port: int, label: str) -> Iterator["viser.ViserServer"]:
     """Yields a server that answers browsers on this machine, and refuses all others.
 
     It is bound to `HOST`. A page of another site cannot use it either: the names that a request has as its host and
-    origin must be local, so that a foreign name that resolves to this machine is refused.
-
-    Args:
-      port: to listen at.
-      label: title of the page.
+    origin must be local, so that a foreign name that resolves to this machine is refused. The title is the `label`.
     """
     _check_port(port)
     with _server(_refusing_others, host=HOST, port=port, label=label) as server, _refusing_garbage():
@@ -63,33 +59,19 @@ def silent_server() -> Iterator["viser.ViserServer"]:
 def _server(
     wrap: Callable[[Callable[..., Any]], Callable[..., Any]], **arguments: Any
 ) -> Iterator["viser.ViserServer"]:
-    """Yields a server of viser, which prints nothing.
+    """Yields a server of viser, made with arguments of `viser.ViserServer`, which prints nothing.
 
-    Args:
-      wrap: makes of the function `serve` of websockets the one that the server is started with. viser has no argument
-        for it, and looks it up when it starts.
-      **arguments: of `viser.ViserServer`.
+    `wrap` makes of the function `serve` of websockets the one that the server is started with. viser has no argument
+    for it, and looks it up when it starts.
     """
     import viser
     import websockets.asyncio.server as websockets_server
 
-    original = websockets_server.serve
-    wrapped = wrap(original)
-    was_called = False
-
-    def serve(*args: Any, **kwargs: Any) -> Any:
-        nonlocal was_called
-        was_called = True
-        return wrapped(*args, **kwargs)
-
-    websockets_server.serve = serve
+    serve = unittest.mock.Mock(wraps=wrap(websockets_server.serve))
+    with unittest.mock.patch.object(websockets_server, "serve", serve), contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(verbose=False, **arguments)
     try:
-        with contextlib.redirect_stdout(io.StringIO()):
-            server = viser.ViserServer(verbose=False, **arguments)
-    finally:
-        websockets_server.serve = original
-    try:
-        if not was_called:
+        if not serve.called:
             raise ImportError(f"viser {viser.__version__} starts its server in another way: install viser 1.1")
         yield server
     finally:
@@ -131,24 +113,22 @@ def _refusing_others(serve: Callable[..., Any]) -> Callable[..., Any]:
     """Returns `serve` of websockets with a check of every request before viser's own."""
 
     def guarded(*args: Any, process_request: Callable[..., Any], **kwargs: Any) -> Any:
-        return serve(*args, process_request=functools.partial(_answer, process_request), **kwargs)
+        # None, in answer to a request to open a connection, lets websockets open it.
+        def answer(connection: Any, request: Any) -> Any:
+            if not is_local(request.headers.get_all("Host"), request.headers.get_all("Origin")):
+                problem = "This viewer answers only browsers on its own machine.\n"
+                return connection.respond(http.HTTPStatus.FORBIDDEN, problem)
+            return process_request(connection, request)
+
+        return serve(*args, process_request=answer, **kwargs)
 
     return guarded
-
-
-def _answer(process_request: Callable[..., Any], connection: Any, request: Any) -> Any:
-    """Returns the answer to a request, also to open a connection; None lets websockets open it."""
-    if not is_local(request.headers.get_all("Host"), request.headers.get_all("Origin")):
-        return connection.respond(http.HTTPStatus.FORBIDDEN, "This viewer answers only browsers on its own machine.\n")
-    return process_request(connection, request)
 
 
 def is_local(hosts: list[str], origins: list[str]) -> bool:
     """Returns whether a request is addressed to this machine, and comes from a page of the address that it asks.
 
-    Args:
-      hosts: values of its `Host` headers.
-      origins: values of its `Origin` headers; none where no page sends it.
+    That is decided by the values of its `Host` headers, and of its `Origin` headers, which only pages send.
     """
     if len(hosts) != 1:
         return False

@@ -18,13 +18,6 @@ from typing import Any
 # Bytes from which a message has a chunk of its own: meshes are larger, poses are smaller.
 _MIN_SHARED = 512
 
-_LEVEL = 12  # Of zstd, as in viser's own recordings.
-
-# Arrays of a recording start at multiples of this [bytes].
-_ALIGNMENT = 8
-
-_TEMPLATE = "web_page.html"
-
 
 class WebPage:
     """Episodes of a page."""
@@ -45,12 +38,16 @@ class WebPage:
 
     def html(self, title: str) -> str:
         """Returns the page, which loads nothing from elsewhere."""
+        import viser
+
+        # viser's page, which plays the recording that it is given as a global variable.
+        player = importlib.resources.files(viser).joinpath("client/build/index.html").read_text(encoding="utf-8")
         values = {
             "title": html.escape(title),
             "page": _script_json({"title": title, "episodes": self._episodes, "chunks": self._chunks}),
-            "player": _script_json(_player()),
+            "player": _script_json(player),
         }
-        text = importlib.resources.files(__package__).joinpath(_TEMPLATE).read_text(encoding="utf-8")
+        text = importlib.resources.files(__package__).joinpath("web_page.html").read_text(encoding="utf-8")
         return re.sub(r"\[\[(\w+)\]\]", lambda match: values[match[1]], text)
 
     def _chunk(self, part: bytes) -> str:
@@ -59,7 +56,8 @@ class WebPage:
 
         key = hashlib.sha256(part).hexdigest()[:16]
         if key not in self._chunks:
-            frame = zstandard.ZstdCompressor(level=_LEVEL).compress(part)
+            # The level of viser's own recordings.
+            frame = zstandard.ZstdCompressor(level=12).compress(part)
             self._chunks[key] = base64.b64encode(frame).decode()
         return key
 
@@ -81,8 +79,8 @@ def _parts(recording: bytes) -> Iterator[bytes]:
         yield waiting
         yield message
         waiting = b""
-    # The arrays begin at a multiple of the alignment, after another number of bytes than before.
-    yield waiting + bytes(-(8 + length) % _ALIGNMENT) + contents[end + -end % _ALIGNMENT :]
+    # The arrays begin at a multiple of 8 bytes, after another number of bytes than before.
+    yield waiting + bytes(-(8 + length) % 8) + contents[end + -end % 8 :]
 
 
 def _encoded(payload: bytes) -> tuple[bytes, list[bytes]]:
@@ -95,13 +93,6 @@ def _encoded(payload: bytes) -> tuple[bytes, list[bytes]]:
     for key, value in (*recorded.items(), ("messages", None)):
         head += msgspec.msgpack.encode(key) + (b"" if value is None else msgspec.msgpack.encode(value))
     return head + b"\xdd" + len(messages).to_bytes(4, "big"), [msgspec.msgpack.encode(each) for each in messages]
-
-
-def _player() -> str:
-    """Returns viser's page, which plays the recording that it is given as a global variable."""
-    import viser
-
-    return importlib.resources.files(viser).joinpath("client/build/index.html").read_text(encoding="utf-8")
 
 
 def _script_json(value: Any) -> str:

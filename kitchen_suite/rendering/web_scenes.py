@@ -5,6 +5,7 @@ import copy
 import functools
 import io
 import math
+import unittest.mock
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -75,28 +76,16 @@ class WebScene:
 
 def set_camera(server: "viser.ViserServer", physics: "mjcf.Physics", camera: int) -> None:
     """Lets browsers look through one of the model's cameras at first; they turn around what it looks at."""
-    data = physics.data.ptr
-    position, axes = data.cam_xpos[camera], data.cam_xmat[camera].reshape(3, 3)
-    direction = -axes[:, 2]
-    view = server.initial_camera
-    view.position = _triple(position)
-    view.look_at = _triple(position + direction * _distance(physics.model.ptr, data, position, direction))
-    view.fov = math.radians(physics.model.cam_fovy[camera])
-
-
-def _distance(
-    model: "mujoco.MjModel", data: "mujoco.MjData", position: NDArray[np.float64], direction: NDArray[np.float64]
-) -> float:
-    """Returns the distance of the first geom in a direction [m]; that of the model's centre where there is none."""
     import mujoco
 
+    model, data, view = physics.model.ptr, physics.data.ptr, server.initial_camera
+    position, direction = data.cam_xpos[camera], -data.cam_xmat[camera].reshape(3, 3)[:, 2]
+    # Of the first geom in this direction; of the model's centre where there is none [m].
     distance = mujoco.mj_ray(model, data, position, direction, None, 1, -1, np.zeros(1, np.int32))
-    return distance if distance > 0.0 else float(np.linalg.norm(model.stat.center - position))
-
-
-def _triple(vector: NDArray[np.float64]) -> tuple[float, float, float]:
-    x, y, z = vector.tolist()
-    return x, y, z
+    if distance <= 0.0:
+        distance = float(np.linalg.norm(model.stat.center - position))
+    view.position, view.look_at = tuple(position.tolist()), tuple((position + direction * distance).tolist())
+    view.fov = math.radians(model.cam_fovy[camera])
 
 
 @functools.cache
@@ -135,12 +124,11 @@ def _light_shapes() -> Iterator[None]:
     def merge_matte(*arguments: Any) -> Any:
         return _with_matte_colours(merge(*arguments))
 
-    scene.merge_geoms = merge_matte
-    trimesh.creation.capsule = functools.partial(capsule, count=_CAPSULE)
-    try:
+    with (
+        unittest.mock.patch.object(scene, "merge_geoms", merge_matte),
+        unittest.mock.patch.object(trimesh.creation, "capsule", functools.partial(capsule, count=_CAPSULE)),
+    ):
         yield
-    finally:
-        scene.merge_geoms, trimesh.creation.capsule = merge, capsule
 
 
 def _with_matte_colours(mesh: Any) -> Any:
@@ -171,13 +159,6 @@ def _textures(model: "mujoco.MjModel") -> dict[int, NDArray[np.uint8]]:
     return found
 
 
-def _colour_by_textures(model: "mujoco.MjModel") -> None:
-    """Gives materials the mean colour of their textures, in place of these, which mjviser shows on few shapes."""
-    for material, texture in _textures(model).items():
-        model.mat_rgba[material, :3] *= texture.mean(axis=(0, 1)) / 255
-        model.mat_texid[material] = -1
-
-
 def _add_fixed_shapes(server: "viser.ViserServer", model: "mujoco.MjModel", data: "mujoco.MjData") -> None:
     """Adds all that never moves in the light, and hides it in the model, whose materials have plain colours then."""
     from mjviser.conversions import is_fixed_body
@@ -185,7 +166,10 @@ def _add_fixed_shapes(server: "viser.ViserServer", model: "mujoco.MjModel", data
     bodies = [body for body in range(model.nbody) if is_fixed_body(model, body)]
     fixed = np.flatnonzero(np.isin(model.geom_bodyid, bodies) & (model.geom_rgba[:, 3] > 0.0))
     _add_surfaces(server, model, data, fixed)
-    _colour_by_textures(model)
+    # Materials get the mean colour of their textures, in place of these, which mjviser shows on few shapes.
+    for material, texture in _textures(model).items():
+        model.mat_rgba[material, :3] *= texture.mean(axis=(0, 1)) / 255
+        model.mat_texid[material] = -1
     _add_plain_shapes(server, model, data, fixed[model.geom_rgba[fixed, 3] > 0.0])
     model.geom_rgba[fixed, 3] = 0.0
 

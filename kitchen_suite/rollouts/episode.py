@@ -8,10 +8,11 @@ The names, for an episode of `T` control steps:
   `label/<key>`: `(T, ...)`, what the policy says of its actions, such as `is_intervention`; with most policies, none.
 """
 
+import collections
 import dataclasses
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from kitchen_suite import files
-from kitchen_suite.gymnasium_env.base import SuiteEnv
+from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.tasks.task import Metrics
 
 
@@ -49,12 +50,10 @@ _LAYOUT = {
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EpisodeArrays:
-    """An episode.
+    """An episode: its number in the recording, and its arrays by the names above.
 
     Attributes:
-      index: its number in the recording.
       seed: seed of the environment's reset; None if unknown.
-      arrays: by the names above.
       seconds: its share of the time that playing took [s].
       instruction: the task's sentence; the empty string if it has none.
     """
@@ -77,10 +76,7 @@ class EpisodeArrays:
         return hashlib.sha256(f"{actions.dtype.str} {actions.shape} ".encode() + actions.tobytes()).hexdigest()
 
     def check(self, actions_sha256: str | None = None) -> None:
-        """Raises a ValueError unless the arrays have the names, types and lengths of an episode.
-
-        The actions have to be those of `actions_sha256`, if it is given.
-        """
+        """Raises a ValueError unless the arrays are those of an episode, with actions of this digest if it is given."""
         if missing := [name for name in Step._fields if name not in self.arrays]:
             raise ValueError(f"{', '.join(missing)} is missing")
         if not any(_part(name) == "observation" for name in self.arrays):
@@ -92,7 +88,6 @@ class EpisodeArrays:
 
     @property
     def last_info(self) -> dict[str, NDArray]:
-        """Infos of the last step."""
         return {name.removeprefix("info/"): rows[-1] for name, rows in self.arrays.items() if name.startswith("info/")}
 
     @property
@@ -103,15 +98,7 @@ class EpisodeArrays:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EpisodeStats:
-    """Statistics of an episode.
-
-    Attributes:
-      seed: of the episode; None if unknown.
-      steps: number of control steps.
-      total_reward: undiscounted return.
-      metrics: of the task, by name.
-      seconds: time that playing took [s].
-    """
+    """Statistics of an episode: control steps, undiscounted return, the task's metrics, time that playing took [s]."""
 
     seed: int | None
     steps: int
@@ -124,16 +111,11 @@ class EpisodeStats:
         """Returns the statistics of an episode, given the task's metrics of it."""
         total_reward = float(episode.arrays["reward"].sum())
         return cls(
-            seed=episode.seed,
-            steps=episode.steps,
-            total_reward=total_reward,
-            metrics=metrics,
-            seconds=episode.seconds,
+            seed=episode.seed, steps=episode.steps, total_reward=total_reward, metrics=metrics, seconds=episode.seconds
         )
 
 
 def _part(name: str) -> str:
-    """Returns the first component of an array's name."""
     return name.partition("/")[0]
 
 
@@ -147,10 +129,8 @@ def _check_array(name: str, array: NDArray, rewards: NDArray) -> None:
 
 
 def flatten(nested: Any, name: str) -> dict[str, Any]:
-    """Returns the leaves of nested dicts by their path, which begins with `name`, in the order of the dicts.
-
-    dm-tree would sort the keys, but goals by task are in the configured order.
-    """
+    """Returns the leaves of nested dicts by their path, which begins with `name`, in the order of the dicts."""
+    # dm-tree would sort the keys, but goals by task are in the configured order.
     if not isinstance(nested, Mapping):
         return {name: nested}
     return {path: leaf for key, part in nested.items() for path, leaf in flatten(part, f"{name}/{key}").items()}
@@ -184,10 +164,9 @@ def check_file_size(observation_space: spaces.Space, steps: int) -> None:
 
 
 class EpisodeBuffer:
-    """The steps of an episode in progress."""
+    """The steps of an episode in progress, from the observation and the info of its reset, and a name for readers."""
 
     def __init__(self, observation: Any, info: Mapping[str, Any], name: str = "") -> None:
-        """Begins with the observation and the info of the reset, and a name for readers."""
         self.name = name
         self.observation = observation
         self._rows = [_row(observation, info)]
@@ -197,7 +176,6 @@ class EpisodeBuffer:
     def add(
         self, step: Step, observation: Any, info: Mapping[str, Any], labels: Mapping[str, Any] = MappingProxyType({})
     ) -> None:
-        """Adds a step with the policy's labels, and the observation and the info after it."""
         self.observation = observation
         self._rows.append(_row(observation, info))
         self._steps.append(step)
@@ -206,12 +184,10 @@ class EpisodeBuffer:
     def step(
         self, environment: gymnasium.Env, action: NDArray, labels: Mapping[str, Any] = MappingProxyType({})
     ) -> None:
-        """Makes a control step, and adds it with the policy's labels."""
         observation, reward, termination, truncation, info = environment.step(action)
         self.add(Step(action, float(reward), termination, truncation), observation, info, labels)
 
     def truncate(self) -> None:
-        """Makes the last step truncate the episode."""
         self._steps[-1] = self._steps[-1]._replace(truncation=True)
 
     def cut(self, steps: int, observation: Any) -> None:
@@ -221,7 +197,6 @@ class EpisodeBuffer:
 
     @property
     def steps(self) -> int:
-        """Number of control steps so far."""
         return len(self._steps)
 
     @property
@@ -255,10 +230,15 @@ class EpisodeBuffer:
             **{name: np.array([labels[name] for labels in self._labels]) for name in self._labels[0]},
         }
 
-    def differing(self, arrays: Mapping[str, NDArray]) -> str:
-        """Returns the name of one of the arrays of an episode of which the present steps are not the first ones.
+    def episode(self, environment: gymnasium.Env, index: int, seed: int | None, seconds: float = 0.0) -> EpisodeArrays:
+        """Returns the episode so far, with the sentence of the environment's present episode."""
+        arrays, instruction = self.arrays(), suite_env(environment).instruction
+        return EpisodeArrays(index=index, seed=seed, arrays=arrays, seconds=seconds, instruction=instruction)
 
-        The empty string where there is none. Of observations and infos only the last ones are compared.
+    def differing(self, arrays: Mapping[str, NDArray]) -> str:
+        """Returns the name of an array of an episode of which the present steps are not the first ones, or nothing.
+
+        Of observations and infos only the last ones are compared.
         """
         rewards = np.array([step.reward for step in self._steps])
         if not np.array_equal(rewards, arrays["reward"][: self.steps]):
@@ -267,6 +247,13 @@ class EpisodeBuffer:
         common = [name for name in last if name in arrays and arrays[name].shape[1:] == last[name].shape]
         equal = (np.array_equal(last[name], arrays[name][self.steps], equal_nan=True) for name in common)
         return next((name for name, is_equal in zip(common, equal, strict=True) if not is_equal), "")
+
+
+# Numbers and seeds of episodes to play, taken from the left.
+Waiting = collections.deque[tuple[int, int]]
+
+# Called with an episode in progress after its reset and after every step.
+Watch = Callable[[EpisodeBuffer], None]
 
 
 def _row(observation: Any, info: Mapping[str, Any]) -> dict[str, NDArray]:

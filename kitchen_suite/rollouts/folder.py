@@ -11,8 +11,7 @@ from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks.task import Metrics
 
-SPEC_FILE = "recording.json"
-_PATTERN = "episode_*.npz"
+SPEC_FILE, _PATTERN = "recording.json", "episode_*.npz"
 _RECORDING = files.DescribedFolder(SPEC_FILE, "a recording", _PATTERN)
 
 
@@ -32,11 +31,7 @@ class _Metadata:
 
 
 class RecordingFolder:
-    """The folder of one recording; see `create`, `claim` and `open`.
-
-    Attributes:
-      spec: the specification of the episodes.
-    """
+    """The folder of one recording, whose episodes have the specification `spec`; see `create`, `claim` and `open`."""
 
     def __init__(self, folder: Path, spec: EpisodeSpec) -> None:
         self._folder, self.spec = folder, spec
@@ -50,13 +45,10 @@ class RecordingFolder:
 
     @classmethod
     def claim(cls, folder: Path, spec: EpisodeSpec) -> "RecordingFolder":
-        """Starts a new recording, or continues an interrupted one of the same specification.
+        """Starts a new recording, or continues an interrupted one; a ValueError if its specification is another one.
 
-        Of several processes that start different recordings in one folder at the same time, one succeeds.
-
-        Raises:
-          OSError: the folder cannot be made or written to, or holds other episodes.
-          ValueError: it holds a recording of another specification.
+        Of several processes that start different recordings in one folder at the same time, one succeeds. Raises an
+        OSError if the folder cannot be made or written to, or holds other episodes.
         """
         try:
             _RECORDING.create(folder, spec.as_json())
@@ -85,11 +77,7 @@ class RecordingFolder:
         return sorted(int(number) for number in numbers if number.isdecimal())
 
     def save(self, episode: EpisodeArrays, stats: EpisodeStats) -> None:
-        """Writes an episode as a compressed npz that `numpy.load` reads without pickle.
-
-        It holds the arrays of the episode, and `metadata`: a string of JSON with the statistics, the task's
-        sentence, the digest of the actions and the specification.
-        """
+        """Writes an episode as a compressed npz that `numpy.load` reads without pickle, with its metadata as JSON."""
         metadata = _Metadata(
             episode=episode.index,
             seed=episode.seed,
@@ -104,22 +92,17 @@ class RecordingFolder:
         files.save_arrays(self._path(episode.index), episode.arrays, vars(metadata))
 
     def remove(self, index: int) -> None:
-        """Removes an episode, if it is there."""
         self._path(index).unlink(missing_ok=True)
 
     def load(self, index: int) -> EpisodeArrays:
         """Reads an episode; raises an OSError if it cannot be read, or is of another number or recording."""
         arrays, record = files.load_arrays(self._path(index), "an episode")
-        metadata = self._parse(index, record)
+        about = self._parse(index, record)
         try:
             episode = EpisodeArrays(
-                index=index,
-                seed=metadata.seed,
-                arrays=arrays,
-                seconds=metadata.seconds,
-                instruction=metadata.instruction,
+                index=index, seed=about.seed, arrays=arrays, seconds=about.seconds, instruction=about.instruction
             )
-            episode.check(metadata.actions_sha256)
+            episode.check(about.actions_sha256)
         except ValueError as error:
             raise OSError(f"{self._path(index)} does not hold an episode: {error}") from error
         return episode

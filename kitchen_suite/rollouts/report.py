@@ -11,8 +11,7 @@ from tqdm import tqdm
 from kitchen_suite.rollouts.episode import EpisodeStats
 from kitchen_suite.settings import WIDTH
 
-_GAP = "  "
-_UNBROKEN = "\N{NO-BREAK SPACE}"
+_GAP, _UNBROKEN = "  ", "\N{NO-BREAK SPACE}"
 
 # Value of a metric of `tasks.task.Metrics`.
 _Metric = bool | float | dict[str, int]
@@ -28,12 +27,10 @@ class Report:
 
     @property
     def count(self) -> int:
-        """Number of episodes so far."""
         return len(self._episodes)
 
     @property
     def successes(self) -> int:
-        """Number of those that succeeded."""
         return sum(stats.metrics["success"] is True for stats in self._episodes)
 
     def add(self, stats: EpisodeStats, index: int | None = None) -> str:
@@ -72,10 +69,10 @@ class Report:
 
 
 class EpisodeBar:
-    """A progress bar that counts episodes and shows how many of them succeeded."""
+    """A progress bar, where stderr is a terminal, that counts episodes and shows how many of them succeeded."""
 
     def __init__(self, total: int, found: int = 0, successes: int = 0) -> None:
-        """Shows the bar where stderr is a terminal; of the total, `found` episodes were there before."""
+        """Shows the bar; of the total, `found` episodes were there before."""
         self._bar = tqdm(total=total, initial=found, unit="episode", disable=None, leave=False)
         self._count, self._successes = found, successes
 
@@ -86,7 +83,6 @@ class EpisodeBar:
         self._bar.close()
 
     def count(self, success: bool) -> None:
-        """Counts an episode."""
         self._count, self._successes = self._count + 1, self._successes + success
         self._bar.set_postfix_str(f"success {self._successes / self._count:.0%}", refresh=False)
         self._bar.update()
@@ -96,6 +92,11 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], style: str = "si
     """Returns a table in one of tabulate's formats; the first column is left-aligned, the others right-aligned."""
     alignment = ["left", *["right"] * (len(header) - 1)]
     return tabulate(rows, header, tablefmt=style, colalign=alignment, disable_numparse=True)
+
+
+def counted(count: int) -> str:
+    """Returns a number of episodes in words."""
+    return f"{count} episode" + ("s" if count > 1 else "")
 
 
 def print_line(text: str) -> None:

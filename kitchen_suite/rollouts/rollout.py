@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError, labels_of
-from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, flatten
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, Waiting, Watch, flatten
 from kitchen_suite.rollouts.spec import EpisodePolicies, EpisodeSpec, SeededPolicies, clipped_action, reset_to_seed
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -32,11 +32,7 @@ def episode_name(index: int, seed: int | None) -> str:
 class SingleRollout:
     """Plays the episodes of a specification one by one; each depends on nothing but its seed.
 
-    Attributes:
-      environment: in which they are played.
-      buffer: the steps of the episode in progress.
-      options: those of its reset.
-      policy: that of this episode.
+    Of the episode in progress, `buffer` has the steps, `options` are those of its reset, and `policy` is its policy.
     """
 
     buffer: EpisodeBuffer
@@ -50,10 +46,7 @@ class SingleRollout:
         self._policies = SeededPolicies(build_policy) if build_policy else spec.episode_policies()
 
     def start(self, seed: int, name: str = "", options: Mapping[str, Any] | None = None) -> None:
-        """Starts the episode of a seed, with a name for readers; raises a PolicyError if the policy cannot be built.
-
-        `options` are those of the reset.
-        """
+        """Starts the episode of a seed, with a name for readers; raises a PolicyError if the policy cannot be built."""
         self.options = options
         self.buffer = EpisodeBuffer(*reset_to_seed(self.environment, seed, self._spec.seeding, options), name=name)
         self.policy = self._policies.start(suite_env(self.environment).environment, seed, options)
@@ -61,42 +54,26 @@ class SingleRollout:
     def step(self) -> None:
         """Makes a control step with the policy's action.
 
-        Raises:
-          PhysicsError: the physics has diverged.
-          PolicyError: the policy raised an exception, or returned a bad action.
+        Raises a PhysicsError if the physics diverges, a PolicyError for an exception or a bad action of the policy.
         """
         timestep = self.buffer.timestep(suite_env(self.environment))
         action = clipped_action(self.policy, timestep, self.environment.action_space)
         self.repeat(action, labels_of(self.policy))
 
     def repeat(self, action: NDArray, labels: Mapping[str, Any]) -> None:
-        """Makes a control step with an action, and the labels of the policy that has chosen it."""
         self.buffer.step(self.environment, action, labels)
 
     def play(
-        self,
-        index: int,
-        seed: int,
-        watch: Callable[[EpisodeBuffer], None] = lambda buffer: None,
-        options: Mapping[str, Any] | None = None,
+        self, index: int, seed: int, watch: Watch = lambda buffer: None, options: Mapping[str, Any] | None = None
     ) -> EpisodeArrays:
-        """Plays the episode of a number, a seed and the options of its reset.
-
-        `watch` is called after the reset and after every step.
-        """
+        """Plays an episode; `watch` is called after the reset and after every step."""
         started = time.perf_counter()
         self.start(seed, episode_name(index, seed), options)
         watch(self.buffer)
         while not self.buffer.has_ended:
             self.step()
             watch(self.buffer)
-        return EpisodeArrays(
-            index=index,
-            seed=seed,
-            arrays=self.buffer.arrays(),
-            seconds=time.perf_counter() - started,
-            instruction=suite_env(self.environment).instruction,
-        )
+        return self.buffer.episode(self.environment, index, seed, time.perf_counter() - started)
 
 
 class RewindableRollout(SingleRollout):
@@ -165,7 +142,6 @@ class PolicyController:
     """Acts by a policy of its own in each environment, on time steps as the suite's own environment returns them."""
 
     def __init__(self, environments: SuiteVectorEnv, episode_policies: EpisodePolicies) -> None:
-        """Prepares to build the policies that act in some environments."""
         self._environments, self._episode_policies = environments, episode_policies
         assert isinstance(environments.single_action_space, gymnasium.spaces.Box)
         self._space = environments.single_action_space
@@ -180,17 +156,13 @@ class PolicyController:
         actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
         # Policies act on the time steps of dm_env, in rollouts as in recordings.
         observations = self._environments.present_observation
-        for i in np.flatnonzero(step.is_playing).tolist():
+        playing = np.flatnonzero(step.is_playing).tolist()
+        for i in playing:
             actions[i] = self._action(i, step, {key: array[i] for key, array in observations.items()})
-        self.labels = self._present_labels(step.is_playing)
-        return actions
-
-    def _present_labels(self, is_playing: NDArray[np.bool_]) -> dict[str, NDArray]:
-        """Returns the labels `(n, ...)` of the last actions; zeros where no episode is in progress."""
-        playing = np.flatnonzero(is_playing).tolist()
         each = [labels_of(self._policies[i]) for i in playing]
         labels = {name: np.array([one[name] for one in each]) for name in each[0]}
-        return {name: _spread(values, playing, is_playing.size) for name, values in labels.items()}
+        self.labels = {name: _spread(values, playing, step.is_playing.size) for name, values in labels.items()}
+        return actions
 
     def _action(self, i: int, step: BatchStep, observation: dict[str, NDArray]) -> NDArray:
         timestep = dm_env.restart(observation) if step.is_first[i] else dm_env.transition(step.rewards[i], observation)
@@ -220,11 +192,7 @@ class NetworkController:
 class _Running:
     """An episode in progress in one of the environments.
 
-    Attributes:
-      index: its number.
-      seed: of the episode.
-      first: number of the time of its reset in the history.
-      seconds: its share of the time that playing took [s].
+    `first` is the number of the time of its reset in the history, `seconds` its share of the time that playing took.
     """
 
     index: int
@@ -234,35 +202,37 @@ class _Running:
 
 
 class EndedEpisode:
-    """An episode that has just ended, to be read before the next one is taken from `VectorRollout.play`.
+    """An episode that has just ended in environment `i`, to be read before `VectorRollout.play` yields the next one.
 
-    Attributes:
-      i: number of the environment in which it was played.
-      diverged: whether its physics has diverged; its last step then has no meaning, and neither have the last infos.
+    If its physics has `diverged`, its last step has no meaning, and neither have the last infos.
     """
 
     def __init__(self, history: "_History", i: int, running: _Running, instruction: str, diverged: bool) -> None:
         self.i, self.diverged = i, diverged
-        self._history, self._running, self._instruction = history, running, instruction
+        self._rows, self._steps = history.since(running.first)
+        self._running, self._instruction = running, instruction
 
     @property
     def rewards(self) -> NDArray[np.float64]:
         """Rewards `(T,)` of its control steps."""
-        return self._history.rewards(self.i, self._running.first)
+        return np.array([step["reward"][self.i] for step in self._steps])
 
     @property
     def last_info(self) -> dict[str, NDArray]:
-        """Infos of the last step."""
-        return self._history.last_info(self.i)
+        last = self._rows[-1].items()
+        return {name.removeprefix("info/"): rows[self.i] for name, rows in last if name.startswith("info/")}
 
     def collect(self) -> EpisodeArrays:
-        """Returns all arrays of the episode."""
-        arrays = self._history.episode(self.i, self._running.first)
+        i, running = self.i, self._running
+        arrays = {
+            **{name: np.stack([row[name][i] for row in self._rows]) for name in self._rows[0]},
+            **{name: np.stack([step[name][i] for step in self._steps]) for name in self._steps[0]},
+        }
         return EpisodeArrays(
-            index=self._running.index,
-            seed=self._running.seed,
+            index=running.index,
+            seed=running.seed,
             arrays=arrays,
-            seconds=self._running.seconds,
+            seconds=running.seconds,
             instruction=self._instruction,
         )
 
@@ -284,11 +254,8 @@ class VectorRollout:
         self._rewards, self._is_first = np.zeros(count), np.zeros(count, bool)
         self._history = _History()
 
-    def play(self, waiting: collections.deque[tuple[int, int]]) -> Iterator[tuple[int, EndedEpisode]]:
-        """Yields the number of each episode as it ends, and the episode.
-
-        `waiting` has numbers and seeds, taken from the left; it may grow while they are played.
-        """
+    def play(self, waiting: Waiting) -> Iterator[tuple[int, EndedEpisode]]:
+        """Yields the number of each episode as it ends, and the episode; more may be `waiting` in the meantime."""
         needs_reset = np.full(len(self._running), True)
         while True:
             if waiting:
@@ -308,7 +275,7 @@ class VectorRollout:
                     instruction = self._environments.instruction[i]
                     yield running.index, EndedEpisode(self._history, i, running, instruction, bool(diverged[i]))
 
-    def _next(self, i: int, waiting: collections.deque[tuple[int, int]]) -> _Running | None:
+    def _next(self, i: int, waiting: Waiting) -> _Running | None:
         if not waiting:
             return None
         index, seed = waiting.popleft()
@@ -316,7 +283,6 @@ class VectorRollout:
         return _Running(index, seed, self._history.present)
 
     def _reset(self, mask: NDArray[np.bool_]) -> None:
-        """Starts episodes in the environments of the mask."""
         self._is_first = mask
         if not mask.any():
             return
@@ -346,7 +312,6 @@ class VectorRollout:
         return terminations | truncations, diverged
 
     def _share(self, seconds: float) -> None:
-        """Adds its share of some time to each episode in progress."""
         playing = [running for running in self._running if running]
         for running in playing:
             running.seconds += seconds / len(playing)
@@ -363,12 +328,10 @@ class _History:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing has been added yet."""
         return not self._rows
 
     @property
     def present(self) -> int:
-        """Number of the present time."""
         return self._forgotten + max(len(self._rows) - 1, 0)
 
     def add_reset(self, observations: Any, infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> None:
@@ -382,35 +345,18 @@ class _History:
     def add_step(
         self, step: Step, observations: Any, infos: Mapping[str, NDArray], labels: Mapping[str, NDArray]
     ) -> None:
-        """Adds a step with the policies' labels, and the observations and infos after it."""
         self._steps.append({**step._asdict(), **flatten(labels, "label")})
         self._rows.append(_named(observations, infos))
 
     def forget_before(self, first: int) -> None:
-        """Drops everything before time `first`."""
         while self._forgotten < first:
             self._rows.popleft()
             self._steps.popleft()
             self._forgotten += 1
 
-    def rewards(self, i: int, first: int) -> NDArray[np.float64]:
-        """Returns the rewards of environment `i` since time `first`."""
-        return np.array([step["reward"][i] for step in self._since(first, self._steps)])
-
-    def last_info(self, i: int) -> dict[str, NDArray]:
-        """Returns the present infos of environment `i`."""
-        return {name.removeprefix("info/"): a[i] for name, a in self._rows[-1].items() if name.startswith("info/")}
-
-    def episode(self, i: int, first: int) -> dict[str, NDArray]:
-        """Returns the arrays of environment `i` since time `first`."""
-        rows, steps = self._since(first, self._rows), self._since(first, self._steps)
-        return {
-            **{name: np.stack([row[name][i] for row in rows]) for name in rows[0]},
-            **{name: np.stack([step[name][i] for step in steps]) for name in steps[0]},
-        }
-
-    def _since(self, first: int, column: collections.deque) -> list:
-        return list(itertools.islice(column, first - self._forgotten, None))
+    def since(self, first: int) -> tuple[list[dict[str, NDArray]], list[dict[str, NDArray]]]:
+        skipped = first - self._forgotten
+        return [*itertools.islice(self._rows, skipped, None)], [*itertools.islice(self._steps, skipped, None)]
 
 
 def _named(observations: Any, infos: Mapping[str, NDArray]) -> dict[str, NDArray]:
@@ -441,12 +387,9 @@ def _merged(mask: NDArray[np.bool_], new: NDArray, old: NDArray) -> NDArray:
 
 
 def play_many(
-    spec: EpisodeSpec, waiting: collections.deque[tuple[int, int]], num_envs: int, num_threads: int | None
+    spec: EpisodeSpec, waiting: Waiting, num_envs: int, num_threads: int | None
 ) -> Generator[tuple[int, EpisodeArrays | None], None, None]:
-    """Yields the number and the arrays of each episode as it ends, None for one whose physics has diverged.
-
-    `waiting` is that of `VectorRollout.play`.
-    """
+    """Yields what `VectorRollout.play` does, with the arrays of an episode; None if its physics has diverged."""
     with contextlib.closing(spec.make_vector_env(num_envs, num_threads)) as environments:
         controller = PolicyController(environments, spec.episode_policies())
         for index, episode in VectorRollout(environments, controller).play(waiting):
@@ -454,11 +397,10 @@ def play_many(
 
 
 class SingleRunner:
-    """Plays episodes one after the other; a `workers.worker.EpisodeRunner`."""
+    """Plays episodes one after the other; a `workers.pool.EpisodeRunner`."""
 
     def __init__(self, spec: EpisodeSpec) -> None:
-        self._rollout = SingleRollout(spec)
-        self._waiting: collections.deque[tuple[int, int]] = collections.deque()
+        self._rollout, self._waiting = SingleRollout(spec), Waiting()
 
     def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, EpisodeArrays]:
         self._waiting.extend(more)
@@ -467,13 +409,12 @@ class SingleRunner:
 
 
 class VectorRunner:
-    """Plays many episodes at once; a `workers.worker.EpisodeRunner`."""
+    """Plays many episodes at once; a `workers.pool.EpisodeRunner`."""
 
     def __init__(self, spec: EpisodeSpec, num_envs: int, num_threads: int) -> None:
-        self._waiting: collections.deque[tuple[int, int]] = collections.deque()
+        self._waiting = Waiting()
         self._episodes = play_many(spec, self._waiting, num_envs, num_threads)
 
     def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, EpisodeArrays | None]:
-        """Returns the next episode to end, None if its physics has diverged."""
         self._waiting.extend(more)
         return next(self._episodes)

@@ -1,32 +1,40 @@
-"""The work of `kitchen-rollout`."""
+"""The work of `kitchen-rollout`, and of `kitchen-play` and others that play a trained policy."""
 
 import contextlib
 import dataclasses
 import functools
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from dm_control.rl.control import PhysicsError
+from tabulate import tabulate
 from tqdm import tqdm
 
-from kitchen_suite import suite
+from kitchen_suite import files, suite
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies import PolicyError
+from kitchen_suite.names import EXACT
+from kitchen_suite.policies import PolicyError, load_policy
+from kitchen_suite.policies.trained import SHIPPED, shipped_as
+from kitchen_suite.rendering import gl, video
 from kitchen_suite.rendering.cameras import camera_names
-from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, check_file_size
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, Watch, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report, print_line
 from kitchen_suite.rollouts.rollout import SingleRollout, SingleRunner
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.rollouts.views import Views
-from kitchen_suite.settings import WIDTH, RolloutSettings
+from kitchen_suite.settings import WIDTH, PlaySettings, RolloutSettings
 
 if TYPE_CHECKING:
     from kitchen_suite.workers.cluster import RaySettings
 
 # Shows a policy that succeeds, to those who have seen the random one.
 _NEXT_COMMAND = "kitchen-rollout --domain_name=open_cabinet --policy=trained"
+
+# What kitchen-play plays and writes without flags.
+_DEFAULT_POLICY, _DEFAULT_VIDEO = "top_drawer_grasp", Path("kitchen-play.mp4")
 
 
 class RolloutJob:
@@ -36,7 +44,6 @@ class RolloutJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: RolloutSettings) -> None:
-        """Prepares the rollout, so that bad settings are refused before the first episode."""
         self._ray = settings.ray()
         if self._ray and (settings.video or settings.web):
             raise ValueError("workers make no video and no web page: leave out --workers")
@@ -92,11 +99,9 @@ class RolloutJob:
 
     @property
     def _episodes(self) -> list[tuple[int, int]]:
-        """Numbers and seeds."""
         return [(index, self._settings.seed + index) for index in range(self._settings.num_episodes)]
 
     def _add(self, episode: EpisodeArrays) -> bool:
-        """Writes an episode, and prints its row; returns whether it succeeded."""
         stats = EpisodeStats.of(episode, self._environment.task.metrics(episode.last_info))
         if self._folder:
             self._folder.save(episode, stats)
@@ -104,7 +109,7 @@ class RolloutJob:
         return bool(stats.metrics["success"])
 
     @contextlib.contextmanager
-    def _watch(self) -> Iterator[Callable[[EpisodeBuffer], None]]:
+    def _watch(self) -> Iterator[Watch]:
         """Yields the function to be called at every step: it moves the progress bar, and films the step."""
         settings, limit = self._settings, self._spec.max_episode_steps
         with (
@@ -122,6 +127,76 @@ class RolloutJob:
                     bar.total = bar.n + left * limit
 
             yield watch
+
+
+def policy_rollout(file: Path, **settings: Any) -> RolloutSettings:
+    """Returns settings, some of them given, that play a trained policy in the task that it was trained for."""
+    trained_for = load_policy(file).metadata
+    return RolloutSettings(
+        domain_name=trained_for["domain_name"],
+        task_name=trained_for["task_name"],
+        task_kwargs=trained_for["task_kwargs"],
+        policy=f"trained(file={str(file)!r})",
+        **settings,
+    )
+
+
+class PlayJob(RolloutJob):
+    """Plays and films a trained policy; the last line that it prints is the number of successes."""
+
+    def __init__(self, settings: PlaySettings) -> None:
+        if settings.shipped and settings.policy_file:
+            raise ValueError("--shipped and --policy_file both name a policy: give one of them")
+        if settings.video and settings.novideo:
+            raise ValueError("--video and --novideo contradict each other: give one of them")
+        is_default = not (settings.video or settings.novideo or settings.web)
+        self._reason_against_video = _reason_against_video() if is_default else ""
+        self._video = _DEFAULT_VIDEO if is_default and not self._reason_against_video else settings.video
+        file = settings.policy_file or shipped_as(settings.shipped or _DEFAULT_POLICY)
+        of_rollout = {field.name for field in dataclasses.fields(RolloutSettings)}
+        shared = {name: value for name, value in vars(settings).items() if name in of_rollout}
+        super().__init__(policy_rollout(file, **{**shared, "video": self._video}))
+
+    def run(self) -> bool:
+        super().run()
+        if self._video:
+            print_line(f"video {self._video}")
+        if self._reason_against_video:
+            print_line(f"no video: {self._reason_against_video}")
+        print_line(f"success {self._report.successes}/{self.finished}")
+        return True
+
+
+def _shipped_policies() -> Iterator[str]:
+    yield tabulate([_row(path) for path in sorted(SHIPPED.glob("*.npz"))], headers="keys")
+
+
+def _row(path: Path) -> dict[str, str]:
+    """Returns task, physics, success in the evaluation that chose it, networks and file size of a policy, by column."""
+    policy = load_policy(path)
+    metadata = policy.metadata
+    evaluated = metadata["task_kwargs"].get("physics", EXACT)
+    return {
+        "--shipped": path.stem,
+        "task": f"{metadata['domain_name']} {metadata['task_name']}",
+        "trained in": (metadata.get("training_kwargs") or {}).get("physics", evaluated),
+        "success": f"{metadata['training']['success']:.0%} in {evaluated}",
+        "layers": " ".join(str(size) for size in policy.layers),
+        "size": f"{path.stat().st_size / 1024:.0f} KiB",
+    }
+
+
+def _reason_against_video() -> str:
+    """Returns why the default video cannot be made here; empty if it can."""
+    try:
+        gl.find_library()
+        video.check_ffmpeg()
+        files.check_writable(_DEFAULT_VIDEO.parent)
+        if _DEFAULT_VIDEO.is_dir():
+            raise IsADirectoryError(f"{_DEFAULT_VIDEO} is a folder")
+    except (ImportError, OSError) as error:
+        return str(error)
+    return ""
 
 
 class ListJob:
@@ -142,13 +217,14 @@ class ListJob:
         return True
 
 
-def make_job(settings: RolloutSettings) -> RolloutJob | ListJob:
+def make_job(settings: RolloutSettings | PlaySettings) -> RolloutJob | ListJob:
     """Returns the job that settings ask for."""
+    if isinstance(settings, PlaySettings):
+        return ListJob(_shipped_policies()) if settings.list else PlayJob(settings)
     return ListJob(_domains()) if settings.list else RolloutJob(settings)
 
 
 def _domains() -> Iterator[str]:
-    """Yields all domains, with their tasks and cameras."""
     for domain, tasks in suite.TASKS_BY_DOMAIN.items():
         with contextlib.closing(suite.load(domain, tasks[0], task_kwargs={"visuals": False})) as environment:
             names = camera_names(environment.physics)

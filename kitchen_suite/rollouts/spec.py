@@ -33,22 +33,12 @@ _RESERVED |= {"autoreset_mode", "instructions", "num_envs", "num_threads"}
 # with float64 actions.
 SEEDINGS = ("gymnasium", "dm_control")
 
-# Attributes of specifications that the metadata of policies have.
-_TRAINED = ("domain_name", "task_name", "task_kwargs")
-
-# Distinguishes the policy's random stream from the environment's, which has the same seed.
-_POLICY_STREAM = 1
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EnvironmentSpec:
-    """How Gymnasium environments of a task are made.
+    """How Gymnasium environments of a task are made, with further arguments `task_kwargs`, which JSON can hold.
 
-    Attributes:
-      domain_name: a key of `suite.DOMAINS`.
-      task_name: one of the domain's tasks.
-      task_kwargs: further arguments of the Gymnasium environment, which JSON can hold.
-      max_episode_steps: control steps after which an episode is truncated.
+    An episode is truncated after `max_episode_steps` control steps.
     """
 
     domain_name: str
@@ -58,16 +48,9 @@ class EnvironmentSpec:
 
     @staticmethod
     def make(
-        *,
-        domain_name: str,
-        task_name: str | None,
-        task_kwargs: Mapping[str, Any],
-        max_episode_steps: int | None = None,
+        domain_name: str, task_name: str | None, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
     ) -> "EnvironmentSpec":
-        """Makes a specification of checked names.
-
-        Arguments are the attributes of their names; without a `task_name` or `max_episode_steps`, the domain's default.
-        """
+        """Makes a specification of checked arguments; None stands for the domain's default."""
         task_name = suite.default_task(domain_name) if task_name is None else task_name
         suite.check_not_fixed(domain_name, task_name, task_kwargs)
         if reserved := sorted(_RESERVED & task_kwargs.keys()):
@@ -87,29 +70,23 @@ class EnvironmentSpec:
         )
 
     def episodes(self, *, policy: str, seed: int, seeding: str) -> "EpisodeSpec":
-        """Returns the specification of episodes that a policy plays in such environments, with the versions here.
-
-        Arguments are the attributes of `EpisodeSpec`.
-        """
+        """Returns the specification of episodes that a policy plays in such environments, with the versions here."""
         policies.find(policy)
+        checks.choice(seeding, SEEDINGS, "seeding")
+        digest = None
+        if path := policies.policy_file(policy):
+            with files.reading(path, "a trained policy"):
+                digest = files.file_digest(path)
         return EpisodeSpec(
-            **vars(self),
-            policy=policy,
-            seed=seed,
-            seeding=checks.choice(seeding, SEEDINGS, "seeding"),
-            versions=installed_versions(),
-            policy_sha256=_policy_digest(policy),
+            **vars(self), policy=policy, seed=seed, seeding=seeding, versions=installed_versions(), policy_sha256=digest
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Returns the specification as JSON represents it."""
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
     @property
     def env_class(self) -> type[SuiteEnv]:
-        """Class of the single environment."""
-        env_class: type[SuiteEnv] = suite.find_domain(self.domain_name).resolve("env")
-        return env_class
+        return cast(type[SuiteEnv], suite.find_domain(self.domain_name).resolve("env"))
 
     def argument(self, name: str) -> Any:
         """Returns an argument of the environments, or the default that applies, as JSON represents it."""
@@ -129,8 +106,7 @@ class EnvironmentSpec:
         """Description of what varies between episodes, and of the physics unless it is exact, for a heading."""
         variations = self.argument("variations") or "none"
         names = variations if isinstance(variations, str) else ",".join(variations)
-        split = self.argument("variation_split")
-        physics = self.argument("physics")
+        split, physics = self.argument("variation_split"), self.argument("physics")
         heading = f"variations {names}" + (f" ({split})" if variations != "none" else "")
         return heading if physics == EXACT else f"{physics} physics, {heading}"
 
@@ -165,7 +141,6 @@ class EnvironmentSpec:
 
     @property
     def _arguments(self) -> dict[str, Any]:
-        """Arguments of the Gymnasium environment."""
         task = suite.task_arguments(self.domain_name, self.task_name)
         arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
         return {**arguments, **self.env_class.array_options}
@@ -177,7 +152,6 @@ class EpisodeSpec(EnvironmentSpec):
 
     Attributes:
       policy: name of the policy, as `policies.find` takes it.
-      seed: of the first episode.
       seeding: one of `SEEDINGS`.
       versions: by package.
       policy_sha256: SHA-256 of the file that the policy names, if it names one: another file is another policy.
@@ -193,13 +167,8 @@ class EpisodeSpec(EnvironmentSpec):
 
     @classmethod
     def of(cls, settings: EpisodeSettings, *, seeding: str) -> "EpisodeSpec":
-        """Makes the specification of a command's episodes."""
-        environments = EnvironmentSpec.make(
-            domain_name=settings.domain_name,
-            task_name=settings.task_name,
-            task_kwargs=settings.environment_kwargs,
-            max_episode_steps=settings.max_episode_steps,
-        )
+        kwargs, steps = settings.environment_kwargs, settings.max_episode_steps
+        environments = EnvironmentSpec.make(settings.domain_name, settings.task_name, kwargs, steps)
         return environments.episodes(policy=settings.policy, seed=settings.seed, seeding=seeding)
 
     @classmethod
@@ -230,15 +199,11 @@ class EpisodeSpec(EnvironmentSpec):
         return policies.find(self.policy, digest=self.policy_sha256)
 
     def episode_policies(self) -> "EpisodePolicies":
-        """Returns what builds the policy of each episode."""
         player = policies.player_of(self.policy)
         return player(self) if player else SeededPolicies(self.find_policy())
 
     def num_envs(self, num_episodes: int, most: int) -> int:
-        """Returns the number of environments, at most `most`, of which all play episodes to the end.
-
-        One where a person plays: further episodes wait until one has been stored.
-        """
+        """Returns `even_count`; one where a person plays: further episodes wait until one has been stored."""
         return 1 if policies.player_of(self.policy) else even_count(num_episodes, most)
 
     def check_policy(self, environment: gymnasium.Env) -> None:
@@ -251,7 +216,8 @@ class EpisodeSpec(EnvironmentSpec):
         self.find_policy()(suite_env(environment).environment, policy_generator(self.seed))
         if path := policies.policy_file(self.policy):
             record = policies.load_policy(path).metadata
-            trained = dataclasses.replace(self, **{name: record[name] for name in _TRAINED})
+            its_task = {name: record[name] for name in ("domain_name", "task_name", "task_kwargs")}
+            trained = dataclasses.replace(self, **its_task)
             domain = suite.DOMAINS.get(trained.domain_name)
             # A task of another version of the suite is not known here.
             if domain and trained.task_name in domain.tasks and not self.names <= trained.names:
@@ -307,14 +273,6 @@ def even_count(num_episodes: int, num_envs: int) -> int:
     return math.ceil(num_episodes / rounds)
 
 
-def _policy_digest(policy: str) -> str | None:
-    path = policies.policy_file(policy)
-    if path is None:
-        return None
-    with files.reading(path, "a trained policy"):
-        return files.file_digest(path)
-
-
 def reset_to_seed(
     environment: gymnasium.Env, seed: int, seeding: str, options: Mapping[str, Any] | None = None
 ) -> tuple[Any, dict[str, Any]]:
@@ -329,8 +287,8 @@ def reset_to_seed(
 
 
 def policy_generator(seed: int) -> np.random.Generator:
-    """Returns the generator that the policy of an episode draws from."""
-    return np.random.default_rng((seed, _POLICY_STREAM))
+    """Returns the generator of an episode's policy; the 1 tells its stream from that of the environment's seed."""
+    return np.random.default_rng((seed, 1))
 
 
 def clipped_action(policy: policies.Policy, timestep: dm_env.TimeStep, space: gymnasium.Space) -> NDArray:

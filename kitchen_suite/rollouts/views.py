@@ -4,7 +4,6 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,75 +14,12 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.rendering import cameras, video, viser_servers
 from kitchen_suite.rendering.web_page import WebPage
 from kitchen_suite.rendering.web_scenes import SceneRecorder
-from kitchen_suite.rollouts.episode import EpisodeBuffer
-from kitchen_suite.rollouts.report import print_line
+from kitchen_suite.rollouts.episode import EpisodeBuffer, Watch
+from kitchen_suite.rollouts.report import counted, print_line
 from kitchen_suite.settings import FilmSettings, PageSettings
-
-# Seconds that the end of an episode is shown before its player begins again.
-_LAST_FRAME = 1.0
+from kitchen_suite.tasks.task import SuiteTask
 
 PageStep = Callable[[EpisodeBuffer, Environment], None]
-
-
-class Film:
-    """Films the first episodes of a command in real time; does nothing where no video is asked for."""
-
-    def __init__(
-        self, settings: FilmSettings, environment: Environment, *, num_episodes: int, max_steps: int | None
-    ) -> None:
-        """Checks that the film of some episodes can be made; None as `max_steps` stands for no limit."""
-        self._settings, self._environment = settings, environment
-        self._camera = cameras.find_camera(environment.physics, settings.camera)
-        if settings.video:
-            video.check_ffmpeg()
-            cameras.check_size(environment.physics, settings.width, settings.height)
-        rate = 1.0 / environment.control_timestep()
-        # Control steps for each frame.
-        self._stride = max(1, math.ceil(rate / settings.video_fps - 1e-6))
-        self._frames_per_second = rate / self._stride
-        self._num_episodes = min(settings.video_episodes, num_episodes)
-        self._max_frames = None if max_steps is None else self._num_episodes * (max_steps // self._stride + 1)
-
-    @contextlib.contextmanager
-    def open(self) -> Iterator[Callable[[EpisodeBuffer], None]]:
-        """Yields a function that films the present step; reports how long the film will take."""
-        settings, episodes = self._settings, 0
-        if settings.video is None:
-            yield lambda buffer: None
-            return
-        self._announce()
-        with video.open_video(
-            settings.video,
-            width=settings.width,
-            height=settings.height,
-            frames_per_second=self._frames_per_second,
-            on_partial=lambda frames: print_line(f"video {settings.video} ends early, after {frames} frames"),
-        ) as add_frame:
-
-            def film(buffer: EpisodeBuffer) -> None:
-                nonlocal episodes
-                episodes += buffer.steps == 0
-                if buffer.steps % self._stride == 0 and episodes <= self._num_episodes:
-                    add_frame(self._render())
-
-            yield film
-
-    def _announce(self) -> None:
-        """Prints how much there is to film, and how long it takes by the time of one frame."""
-        self._render()  # The first frame takes longer: it makes the GL context.
-        started = time.perf_counter()
-        self._render()
-        seconds = time.perf_counter() - started
-        episodes = f"{self._num_episodes} episode" + ("s" if self._num_episodes > 1 else "")
-        if self._max_frames is None:
-            print_line(f"filming {episodes}, about {seconds:.2f} s a frame\n")
-        else:
-            total = self._max_frames * seconds
-            print_line(f"filming {episodes}: at most {self._max_frames} frames, about {total:.0f} s\n")
-
-    def _render(self) -> NDArray[np.uint8]:
-        settings = self._settings
-        return self._environment.physics.render(settings.height, settings.width, camera_id=self._camera)
 
 
 class Page:
@@ -113,7 +49,8 @@ class Page:
             finally:
                 writer.end_episode()
                 if writer.page:
-                    writer.write(path)
+                    with files.atomic_write(path) as partial:
+                        partial.write_text(writer.page.html(path.stem), encoding="utf-8")
                     size, count = path.stat().st_size / 1e6, len(writer.page)
                     end = f", {size:.1f} MB" if is_complete else f" ends early, in episode {count}"
                     print_line(f"web page {path}{end}")
@@ -128,7 +65,6 @@ class _Writer:
         self._about: dict[str, Any] | None = None
 
     def add(self, buffer: EpisodeBuffer, environment: Environment) -> None:
-        """Adds the present step, of the episode in progress or of a new one."""
         if buffer.steps == 0:
             self.end_episode()
             if len(self.page) < self._num_episodes:
@@ -136,16 +72,16 @@ class _Writer:
         elif self._about:
             self._recorder.add_frame(environment.physics, environment.control_timestep())
         if self._about:
-            _add_progress(self._about, buffer.reward, environment)
+            _add_progress(self._about, buffer.reward, environment.task)
             if buffer.has_ended:
                 self.end_episode()
 
     def _begin(self, buffer: EpisodeBuffer, environment: Environment) -> None:
-        physics, task = environment.physics, environment.task
+        physics = environment.physics
         self._recorder.start(physics, cameras.find_camera(physics, self._camera))
         self._about = {
             "name": buffer.name or f"episode {len(self.page)}",
-            "instruction": task.instruction,
+            "instruction": environment.task.instruction,
             "timestep": environment.control_timestep(),
             "rewards": [],
             "returns": [],
@@ -154,20 +90,14 @@ class _Writer:
         }
 
     def end_episode(self) -> None:
-        """Adds the episode in progress, if there is one, to the page."""
         about, self._about = self._about, None
         if about:
-            self.page.add(self._recorder.finish(_LAST_FRAME), about)
-
-    def write(self, path: Path) -> None:
-        """Writes the page."""
-        with files.atomic_write(path) as partial:
-            partial.write_text(self.page.html(path.stem), encoding="utf-8")
+            # The end is shown for a second before the player begins again.
+            self.page.add(self._recorder.finish(1.0), about)
 
 
-def _add_progress(about: dict[str, Any], reward: float, environment: Environment) -> None:
+def _add_progress(about: dict[str, Any], reward: float, task: SuiteTask) -> None:
     """Adds the progress after a step: reward, return, tasks with the control steps of their completion, measures."""
-    task = environment.task
     about["returns"].append(reward + (about["returns"] or [0.0])[-1])
     about["rewards"].append(reward)
     if completions := task.episode_completions:
@@ -178,23 +108,70 @@ def _add_progress(about: dict[str, Any], reward: float, environment: Environment
 
 
 class Views:
-    """The film and the web page of a command, each if it is asked for."""
+    """Films the first episodes of a command in real time, and makes a web page of them, each if it is asked for."""
 
     def __init__(
         self, settings: FilmSettings, environment: Environment, *, num_episodes: int, max_steps: int | None
     ) -> None:
-        """Checks that they can be made; arguments are those of `Film`."""
-        self._environment = environment
-        self._film = Film(settings, environment, num_episodes=num_episodes, max_steps=max_steps)
+        """Checks that film and page of some episodes can be made; None as `max_steps` stands for no limit."""
+        self._settings, self._environment = settings, environment
+        self._camera = cameras.find_camera(environment.physics, settings.camera)
+        if settings.video:
+            video.check_ffmpeg()
+            cameras.check_size(environment.physics, settings.width, settings.height)
+        rate = 1.0 / environment.control_timestep()
+        # Control steps for each frame.
+        self._stride = max(1, math.ceil(rate / settings.video_fps - 1e-6))
+        self._frames_per_second = rate / self._stride
+        self._num_episodes = min(settings.video_episodes, num_episodes)
+        self._max_frames = None if max_steps is None else self._num_episodes * (max_steps // self._stride + 1)
         self._page = Page(settings, num_episodes=settings.web_episodes)
 
     @contextlib.contextmanager
-    def open(self) -> Iterator[Callable[[EpisodeBuffer], None]]:
-        """Yields a function that shows the present step."""
-        with self._film.open() as film_step, self._page.open() as page_step:
+    def open(self) -> Iterator[Watch]:
+        with self._open_film() as film_step, self._page.open() as page_step:
 
             def show(buffer: EpisodeBuffer) -> None:
                 film_step(buffer)
                 page_step(buffer, self._environment)
 
             yield show
+
+    @contextlib.contextmanager
+    def _open_film(self) -> Iterator[Watch]:
+        """Yields a function that films the present step; reports how long the film will take."""
+        settings, episodes = self._settings, 0
+        if settings.video is None:
+            yield lambda buffer: None
+            return
+        self._announce()
+        with video.open_video(
+            settings.video,
+            width=settings.width,
+            height=settings.height,
+            frames_per_second=self._frames_per_second,
+            on_partial=lambda frames: print_line(f"video {settings.video} ends early, after {frames} frames"),
+        ) as add_frame:
+
+            def film(buffer: EpisodeBuffer) -> None:
+                nonlocal episodes
+                episodes += buffer.steps == 0
+                if buffer.steps % self._stride == 0 and episodes <= self._num_episodes:
+                    add_frame(self._render())
+
+            yield film
+
+    def _announce(self) -> None:
+        """Prints how much there is to film, and how long it takes by the time of one frame."""
+        self._render()  # The first frame takes longer: it makes the GL context.
+        started = time.perf_counter()
+        self._render()
+        seconds = time.perf_counter() - started
+        extent = f", about {seconds:.2f} s a frame"
+        if self._max_frames is not None:
+            extent = f": at most {self._max_frames} frames, about {self._max_frames * seconds:.0f} s"
+        print_line(f"filming {counted(self._num_episodes)}{extent}\n")
+
+    def _render(self) -> NDArray[np.uint8]:
+        settings = self._settings
+        return self._environment.physics.render(settings.height, settings.width, camera_id=self._camera)

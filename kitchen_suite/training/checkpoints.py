@@ -68,30 +68,23 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
 def load_last(folder: Path, check: Callable[[Checkpoint], None] = lambda checkpoint: None) -> Checkpoint | None:
     """Returns the newest readable checkpoint in a folder that passes `check`, or None if there are no checkpoints.
 
-    A message names each newer one that cannot be read, or for which `check` raises a ValueError.
-
-    Raises:
-      CheckpointError: there are checkpoints, but none can be read.
+    A message names each newer one that cannot be read, or for which `check` raises a ValueError; if none can be read,
+    it raises a CheckpointError.
     """
     paths = _paths(folder)
     for path in reversed(paths):
         try:
-            return _load(path, check)
+            with files.reading(path, "a checkpoint"):
+                contents = torch.load(_checked(path.read_bytes()), weights_only=True)
+                checkpoint = files.parse(contents, Checkpoint, "a checkpoint")
+                check(checkpoint)
+                return checkpoint
         except OSError as error:
             if path == paths[0]:
                 problem = f"none of the {len(paths)} checkpoints in {folder} can be read"
                 raise CheckpointError(f"{problem}: {error}") from error
             tqdm.write(f"{error}; trying the checkpoint before it")
     return None
-
-
-def _load(path: Path, check: Callable[[Checkpoint], None]) -> Checkpoint:
-    """Reads a checkpoint."""
-    with files.reading(path, "a checkpoint"):
-        contents = _checked(path.read_bytes())
-        checkpoint = files.parse(torch.load(contents, weights_only=True), Checkpoint, "a checkpoint")
-        check(checkpoint)
-        return checkpoint
 
 
 def _checked(contents: bytes) -> io.BytesIO:
@@ -128,10 +121,8 @@ def _template(module: Any, state: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(module, torch.optim.Optimizer):
         # Only parameters that have had a gradient have moments.
         parameters = [parameter for group in module.param_groups for parameter in group["params"]]
-        step = torch.tensor(0.0)
-        template["state"] = {
-            i: {"step": step, "exp_avg": parameters[i], "exp_avg_sq": parameters[i]} for i in state["state"]
-        }
+        moments = [{"step": torch.tensor(0.0), "exp_avg": each, "exp_avg_sq": each} for each in parameters]
+        template["state"] = {i: moments[i] for i in state["state"]}
     return template
 
 

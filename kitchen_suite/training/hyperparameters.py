@@ -214,43 +214,30 @@ class Hyperparameters:
 
 
 def checked_changes(defaults: Config, changes: Mapping[str, Any]) -> Config:
-    """Returns hyperparameters with some values changed.
-
-    Args:
-      defaults: a dataclass of numbers and tuples of numbers.
-      changes: by name, as read from JSON.
+    """Returns hyperparameters, a dataclass of numbers and tuples of numbers, with changes by name, as read from JSON.
 
     Raises:
       TypeError: a value has the wrong type.
       ValueError: a name is unknown, or a value is out of range.
     """
-    hints = get_type_hints(type(defaults))
+    hints, values = get_type_hints(type(defaults)), {}
     for name, value in changes.items():
-        checks.choice(name, hints.keys(), "hyperparameter")
-        _check(name, value, hints[name])
-    values: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in changes.items()
-    }
+        _check(name, value, hints[checks.choice(name, hints.keys(), "hyperparameter")])
+        values[name] = tuple(value) if isinstance(value, list) else value
     return dataclasses.replace(defaults, **values)  # type: ignore[type-var]
 
 
-def _check(name: str, value: object, kind: Any) -> None:
+def _check(name: str, value: Any, kind: Any) -> None:
     """Raises a TypeError or ValueError for a value, as read from JSON, of another type or out of range."""
-    if not (elements := get_args(kind)):
-        _check_number(name, value, kind, positive=name in _POSITIVE)
-    elif isinstance(value, list) and value:
-        for element in value:
-            _check_number(name, element, elements[0], positive=True)
-    else:
+    elements = get_args(kind)
+    if elements and not (isinstance(value, list) and value):
         raise TypeError(f"{name} must be a list of numbers, got {checks.shown(value)}")
-
-
-def _check_number(name: str, value: object, kind: type, *, positive: bool) -> None:
-    """Checks a number of a hyperparameter; raises as `_check`."""
-    if kind is int:
-        checks.integer(value, name, minimum=1, maximum=_MAXIMA.get(name))
-    else:
-        checks.number(value, name, positive=positive, maximum=_MAXIMA.get(name, math.inf))
+    for number in value if elements else [value]:
+        if int in (kind, *elements):
+            checks.integer(number, name, minimum=1, maximum=_MAXIMA.get(name))
+        else:
+            positive = bool(elements) or name in _POSITIVE
+            checks.number(number, name, positive=positive, maximum=_MAXIMA.get(name, math.inf))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -55,9 +55,12 @@ class Learner(abc.ABC):
 
     def state(self) -> dict[str, Any]:
         """Returns the state of learning, as in a `Checkpoint`; that of the episodes in progress is not part of it."""
-        modules = {name: module.state_dict() for name, module in self.modules.items()}
-        random = torch.get_rng_state()
-        return {"modules": modules, "random": random, "steps": self.steps, "warmup_batches": self.warmup_batches}
+        return {
+            "modules": {name: module.state_dict() for name, module in self.modules.items()},
+            "random": torch.get_rng_state(),
+            "steps": self.steps,
+            "warmup_batches": self.warmup_batches,
+        }
 
     def check_fits(self, checkpoint: Checkpoint) -> None:
         """Checks that `load_state` can restore a checkpoint; raises a ValueError if it is one of other networks."""
@@ -110,21 +113,14 @@ def episode_metrics(task: SuiteTask, infos: Mapping[str, Any]) -> dict[str, NDAr
 def evaluate(controller: Controller, environments: SuiteVectorEnv, seeds: Sequence[int]) -> dict[str, NDArray]:
     """Plays an episode of each seed, without exploration.
 
-    Args:
-      controller: acts by the policy.
-      environments: with autoreset mode `Disabled`.
-      seeds: of the episodes.
-
-    Returns:
-      Metrics of the episodes `(n,)` by name: those of `episode_metrics`, and `episode/return`; all are 0 for an episode
-      in which the physics has diverged.
+    Environments have autoreset mode `Disabled`. Returns metrics of the episodes `(n,)` by name: those of
+    `episode_metrics`, and `episode/return`; all are 0 for an episode in which the physics has diverged.
     """
-    rollout = VectorRollout(environments, controller)
     task = environments.composer_task
     metrics = {name: np.zeros(len(seeds)) for name in (*EPISODE_METRICS, "episode/return")}
-    for index, episode in rollout.play(collections.deque(enumerate(seeds))):
+    for index, episode in VectorRollout(environments, controller).play(collections.deque(enumerate(seeds))):
         if not episode.diverged:
-            for name, value in episode_metrics(task, episode.last_info).items():
+            last = {**episode_metrics(task, episode.last_info), "episode/return": episode.rewards.sum()}
+            for name, value in last.items():
                 metrics[name][index] = value
-            metrics["episode/return"][index] = episode.rewards.sum()
     return metrics

@@ -18,20 +18,11 @@ from kitchen_suite.training.hyperparameters import Hyperparameters
 # Bounds of adapted learning rates, the factor of an adaptation, and how far beyond the target the divergence must be.
 _LEARNING_RATES, _RATE_FACTOR, _TOLERANCE = (1e-6, 1e-2), 1.5, 2.0
 
-# Added to the standard deviation of advantages.
-_LEAST_DEVIATION = 1e-8
-
-# Added to the standard deviation of returns.
-_VALUE_EPSILON = 1e-8
-
-# Factor of the initial weights of the policy's last layer: its first actions are almost pure exploration noise.
-_LAST_LAYER_SCALE = 0.01
+# Added to the standard deviations of advantages and of returns.
+_EPSILON = 1e-8
 
 # Metrics of a step of the optimiser, in order.
 _STEP_METRICS = ("loss/policy loss", "loss/value loss", "loss/entropy loss", "learning/divergence")
-
-# Number of vectors that a frozen scaler counts as seen, so large that later ones do not change its statistics.
-_FROZEN_COUNT = 1e15
 
 
 class GaussianPolicy(torch.nn.Module):
@@ -57,30 +48,14 @@ class GaussianPolicy(torch.nn.Module):
         last_layer = self.network[-1]
         assert isinstance(last_layer, torch.nn.Linear)
         with torch.no_grad():
-            last_layer.weight.mul_(_LAST_LAYER_SCALE)
+            # The first actions are almost pure exploration noise.
+            last_layer.weight.mul_(0.01)
             last_layer.bias.zero_()
 
     def log_densities(self, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """Returns the logarithms `(n,)` of the densities of actions `(n, k)`, without the constant of the normal."""
         noise = (actions - self.network(observations)) / self.log_deviation.exp()
         return -0.5 * noise.square().sum(dim=-1) - self.log_deviation.sum()
-
-
-class CorrelatedNoise:
-    """Stationary AR(1) process with a standard normal distribution: `x' = c x + sqrt(1 - c^2) w`, `w ~ N(0, 1)`."""
-
-    def __init__(self, correlation: float, seed: int) -> None:
-        """Creates the process; `correlation` of successive samples is in [0, 1)."""
-        self._correlation, self._generator = correlation, torch.Generator().manual_seed(seed)
-        self._last = torch.empty(0)
-
-    def __call__(self, shape: torch.Size) -> torch.Tensor:
-        """Returns the next sample; the process restarts if its shape changes."""
-        noise = torch.randn(shape, generator=self._generator)
-        if self._last.shape == shape:
-            noise = self._correlation * self._last + math.sqrt(1 - self._correlation**2) * noise
-        self._last = noise
-        return noise
 
 
 def build_network(sizes: Sequence[int]) -> torch.nn.Sequential:
@@ -128,8 +103,8 @@ class RunningScaler(torch.nn.Module):
         self.current_count.copy_(total)
 
     def freeze(self) -> None:
-        """Keeps the statistics as they are, whatever is added later."""
-        self.current_count.fill_(_FROZEN_COUNT)
+        """Keeps the statistics as they are, whatever is added later: it is as if so many vectors had been seen."""
+        self.current_count.fill_(1e15)
 
     @property
     def deviation(self) -> torch.Tensor:
@@ -185,12 +160,9 @@ def advantages(
 ) -> torch.Tensor:
     """Returns the generalised advantage estimates `(t, n)` (GAE).
 
-    Args:
-      rewards: `(t, n)`; where a step truncated an episode, with the discounted value of its last observation.
-      values: `(t + 1, n)`, of the observations before each step, and after the last one.
-      ended: `(t, n)`, whether a step ended an episode: what follows it belongs to another one.
-      discount: discount factor.
-      gae_lambda: lambda.
+    Rewards are `(t, n)`; where a step truncated an episode, with the discounted value of its last observation. Values
+    `(t + 1, n)` are those of the observations before each step, and after the last one. Where `ended` `(t, n)` is true,
+    what follows belongs to another episode.
     """
     goes_on = (~ended).float()
     errors = rewards + discount * goes_on * values[1:] - values[:-1]
@@ -241,7 +213,7 @@ class Agent:
         self.policy = policy = GaussianPolicy(observation_size, torch.tensor(config.action_scale), config)
         self.value = value = build_network([observation_size, *config.hidden, 1])
         self.observation_scaler = RunningScaler(observation_size, config.standardisation_epsilon)
-        self.value_scaler = RunningScaler(1, _VALUE_EPSILON)
+        self.value_scaler = RunningScaler(1, _EPSILON)
         self.average = AveragedModel(policy, multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
         groups = [
             {"params": list(policy.parameters()), "lr": config.learning_rate},
@@ -252,14 +224,8 @@ class Agent:
     @property
     def modules(self) -> dict[str, Any]:
         """All that has a state dict, by name."""
-        return {
-            "policy": self.policy,
-            "average": self.average,
-            "value": self.value,
-            "observation_scaler": self.observation_scaler,
-            "value_scaler": self.value_scaler,
-            "optimizer": self.optimizer,
-        }
+        names = ("policy", "average", "value", "observation_scaler", "value_scaler", "optimizer")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def networks(self) -> dict[str, torch.nn.Module]:
@@ -313,7 +279,7 @@ class Agent:
             observations=observations[:-1].flatten(0, 1),
             actions=batch.actions.flatten(0, 1),
             log_densities=self.policy.log_densities(observations[:-1], batch.actions).flatten(),
-            advantages=((estimates - estimates.mean()) / (estimates.std() + _LEAST_DEVIATION)).flatten(),
+            advantages=((estimates - estimates.mean()) / (estimates.std() + _EPSILON)).flatten(),
             values=outputs[:-1].flatten(0, 1),
             returns=self.value_scaler(returns),
         )
@@ -341,15 +307,12 @@ class Agent:
         entropy_loss = -config.entropy_scale * self.policy.log_deviation.mean()
         self.optimizer.zero_grad()
         (policy_loss + value_loss + entropy_loss).backward()
-        self._clip_gradient()
+        if config.gradient_norm:
+            parameters = [*self.policy.parameters(), *self.value.parameters()]
+            torch.nn.utils.clip_grad_norm_(parameters, config.gradient_norm)
         self.optimizer.step()
         divergence = (ratio - 1 - change).mean()
         return torch.stack([policy_loss, value_loss, entropy_loss, divergence]).detach()
-
-    def _clip_gradient(self) -> None:
-        if self._config.gradient_norm:
-            parameters = [*self.policy.parameters(), *self.value.parameters()]
-            torch.nn.utils.clip_grad_norm_(parameters, self._config.gradient_norm)
 
     def _adapt(self, divergence: float) -> None:
         """Adapts the learning rates to the divergence of a pass over the batch."""
@@ -364,16 +327,16 @@ class Agent:
 class Actor:
     """Explores with a copy of an agent's policy, so that the agent can learn at the same time.
 
-    Exploration noise is an AR(1) process over control steps, so that it adds up to motions instead of averaging out;
-    the PPO ratio treats the steps as independent. Source of the idea: Hollenstein et al., Colored Noise in PPO,
-    AAAI 2024.
+    Exploration noise is a stationary AR(1) process over control steps with a standard normal distribution, `x' = c x +
+    sqrt(1 - c^2) w`, `w ~ N(0, 1)`, so that it adds up to motions instead of averaging out; the PPO ratio treats the
+    steps as independent. Source of the idea: Hollenstein et al., Colored Noise in PPO, AAAI 2024.
     """
 
     def __init__(self, agent: Agent, correlation: float, seed: int) -> None:
-        """Copies the policy; correlation and seed are of the noise."""
-        self._agent = agent
+        """Copies the policy; correlation, in [0, 1), and seed are of the noise."""
+        self._agent, self._correlation = agent, correlation
         self._policy, self._scaler = copy.deepcopy(agent.policy), copy.deepcopy(agent.observation_scaler)
-        self._noise = CorrelatedNoise(correlation, seed)
+        self._generator, self._noise = torch.Generator().manual_seed(seed), torch.empty(0)
 
     def refresh(self) -> None:
         """Copies the policy as it is now."""
@@ -384,13 +347,18 @@ class Actor:
     def explore(self, observations: torch.Tensor) -> torch.Tensor:
         """Returns actions `(n, k)` with exploration for observations `(n, m)`, in units of the policy's scale."""
         means = self._policy.network(self._scaler(observations))
-        return means + self._policy.log_deviation.exp() * self._noise(means.shape)
+        noise = torch.randn(means.shape, generator=self._generator)
+        # The process restarts if its shape changes.
+        if self._noise.shape == means.shape:
+            noise = self._correlation * self._noise + math.sqrt(1 - self._correlation**2) * noise
+        self._noise = noise
+        return means + self._policy.log_deviation.exp() * noise
 
 
 def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
     """Returns the agent's present policy, with averaged weights and without exploration, as numpy arrays."""
     scaler, policy = agent.observation_scaler, cast(GaussianPolicy, agent.average.module)
-    layers = [layer for layer in policy.network if isinstance(layer, torch.nn.Linear)]
+    layers = _linear_layers(policy)
     return TrainedPolicy(
         mean=_array(scaler.running_mean),
         deviation=_array(scaler.deviation),
@@ -410,8 +378,7 @@ def adopt_policy(agent: Agent, policy: TrainedPolicy) -> None:
         raise ValueError(f"the policy has layers {policy.layers}, but task and hyperparameters make {own.layers}")
     if not np.array_equal(policy.action_scale, own.action_scale):
         raise ValueError(f"the policy has the action_scale {policy.action_scale}, not {own.action_scale}")
-    layers = (layer for layer in agent.policy.network if isinstance(layer, torch.nn.Linear))
-    for layer, weight, bias in zip(layers, policy.weights, policy.biases, strict=True):
+    for layer, weight, bias in zip(_linear_layers(agent.policy), policy.weights, policy.biases, strict=True):
         layer.weight.copy_(torch.as_tensor(weight))
         layer.bias.copy_(torch.as_tensor(bias))
     agent.restart_average()
@@ -419,6 +386,10 @@ def adopt_policy(agent: Agent, policy: TrainedPolicy) -> None:
     scaler.running_mean.copy_(torch.as_tensor(policy.mean))
     scaler.running_variance.copy_((torch.as_tensor(policy.deviation) - scaler.epsilon).clamp(min=0.0).square())
     scaler.freeze()
+
+
+def _linear_layers(policy: GaussianPolicy) -> list[torch.nn.Linear]:
+    return [layer for layer in policy.network if isinstance(layer, torch.nn.Linear)]
 
 
 def _array(tensor: torch.Tensor) -> np.ndarray:

@@ -22,8 +22,8 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import IMITATION, TrainSettings
 from kitchen_suite.tasks.task import ResetRequests, SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint
+from kitchen_suite.training.demonstrations import OBSERVATION_OPTIONS, load_to_clone
 from kitchen_suite.training.hyperparameters import Hyperparameters, find_recipe
-from kitchen_suite.training.imitation.demonstrations import OBSERVATION_OPTIONS, load_to_clone
 from kitchen_suite.training.learner import DivergedError, Learner, Training, episode_metrics
 from kitchen_suite.training.ppo import Actor, Agent, Batch, adopt_policy, export_policy
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -43,11 +43,7 @@ _BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
 
 
 class TaskBalance:
-    """Sets the weights with which tasks are drawn: 1.05 minus their recent success.
-
-    Attributes:
-      success: `(n,)`, recent success rates, in the order of the tasks.
-    """
+    """Sets the weights with which tasks are drawn: 1.05 minus their recent success, `success` `(n,)` in their order."""
 
     def __init__(self, requests: ResetRequests) -> None:
         """Starts without success of the tasks that the requests of the task that starts the episodes draw from."""
@@ -60,11 +56,7 @@ class TaskBalance:
         return cls(task.requests) if task.requests.drawn_tasks else None
 
     def add(self, infos: Mapping[str, Any], ended: NDArray[np.bool_]) -> dict[str, NDArray]:
-        """Adds the `ended` ones `(n,)` of episodes with given last infos.
-
-        Returns:
-          Successes of the requested tasks, by the names of their curves.
-        """
+        """Adds the `ended` ones `(n,)` of episodes, given last infos; returns successes of requested tasks by curve."""
         requested, completed = infos["requested_tasks_mask"], infos["episode_task_completions_mask"]
         # A task that is requested in turn counts only if it was attempted.
         requested = infos.get("attempted_tasks_mask", requested)
@@ -82,16 +74,10 @@ def clone(
     epochs: int,
     report: Callable[[float], None] = lambda loss: None,
 ) -> None:
-    """Fits the mean of an agent's policy to demonstrated actions, by least squares.
+    """Fits the mean of a new agent's policy to observations `(m, n)` and actions `(m, k)`, by least squares.
 
-    The demonstrations also fix the standardisation of observations.
-
-    Args:
-      agent: new.
-      observations: `(m, n)`.
-      actions: `(m, k)`.
-      epochs: number of passes over the demonstrations.
-      report: called after each pass with its mean loss, in squared units of the action scale.
+    The demonstrations also fix the standardisation of observations. After each pass over them, `report` is called with
+    its mean loss, in squared units of the action scale.
     """
     policy = agent.policy
     scaler, inputs = agent.observation_scaler, torch.as_tensor(observations)
@@ -116,12 +102,8 @@ def clone(
     agent.restart_average()
 
 
-def step_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
-    """Returns the reward terms `(n,)` of a step; none if the task's reward has no terms.
-
-    Where the step ended an episode and the next one has begun (autoreset mode `SameStep`), they are those of the step,
-    not of the reset.
-    """
+def _step_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
+    """Returns the reward terms `(n,)` of a step, not of the reset after it; none if the task's reward has no terms."""
     ended, final_info = infos.get("_final_info", False), infos.get("final_info", infos)
     terms = [name for name in infos if name.startswith("reward/")]
     return {f"step/{name}": np.where(ended, final_info[name], infos[name]) for name in terms}
@@ -134,29 +116,22 @@ def network_controller(policy: TrainedPolicy, environments: SuiteVectorEnv) -> C
 
 
 class PPOLearner(Learner):
-    """A PPO agent and the environments that it learns from.
+    """A PPO agent, the environments that it learns from, and the batch of control steps that is learned from next.
 
     While the agent learns from a batch, the next one is collected with the policy as it was before that update.
-
-    Attributes:
-      agent: the PPO agent.
-      batch: the control steps that are learned from next.
     """
 
-    _actor: Actor  # From `start` on.
+    _actor: Actor  # From `start` on, as the last observations.
+    _observations: torch.Tensor
 
     def __init__(self, environments: SuiteVectorEnv, config: Hyperparameters, seed: int) -> None:
-        """Builds the agent; the seed is of the networks and of exploration.
-
-        There must be `num_envs` environments, with autoreset mode `SameStep`.
-        """
+        """Builds the agent of `num_envs` environments of autoreset mode `SameStep`; the seed is also of exploration."""
         torch.manual_seed(seed)
         self._environments, self._config = environments, config
         action_space = environments.single_action_space
         assert isinstance(action_space, spaces.Box)
         size = spaces.flatdim(environments.single_observation_space)
         self.agent = Agent(size, action_space, config)
-        self._observations = torch.empty(0)
         self.batch, self._next_batch = (
             Batch(config.rollouts, config.num_envs, size, len(config.action_scale)) for _ in range(2)
         )
@@ -203,18 +178,13 @@ class PPOLearner(Learner):
         assert length, "the spec has the domain's where none is asked for"
         start_steps = np.random.default_rng(seed).permutation(count) * length // count
         for step in range(length):
-            self._explore(starting=start_steps == step)
+            observations, *_ = environments.step(self._applied(self._actor.explore(self._observations)))
+            if (starting := start_steps == step).any():
+                observations, _ = environments.reset(options={"reset_mask": starting})
+            self._observations = self._tensor(observations)
+            if not self._standardised:
+                self.agent.observation_scaler.update(self._observations)
         self._standardised = True
-
-    def _explore(self, starting: NDArray[np.bool_]) -> None:
-        """Makes a control step without learning, then resets the environments that are `starting`."""
-        actions = self._actor.explore(self._observations)
-        observations, *_ = self._environments.step(self._applied(actions))
-        if starting.any():
-            observations, _ = self._environments.reset(options={"reset_mask": starting})
-        self._observations = self._tensor(observations)
-        if not self._standardised:
-            self.agent.observation_scaler.update(self._observations)
 
     def export(self, metadata: Mapping[str, Any]) -> TrainedPolicy:
         return export_policy(self.agent, metadata)
@@ -232,10 +202,8 @@ class PPOLearner(Learner):
 
         The first `value_batches` batches after cloning, or from a trained policy, train the value network alone (value
         warm-up): an untrained one would spoil the policy. Returns means by name: of the metrics of steps, of episodes
-        that ended, and of the agent's own.
-
-        Raises:
-          DivergedError: the learning rate is too high, or rewards are too large.
+        that ended, and of the agent's own. A DivergedError means that the learning rate is too high, or rewards are too
+        large.
         """
         self._actor.refresh()
         if self._collected is None:
@@ -246,7 +214,11 @@ class PPOLearner(Learner):
         self._collected, self.batch, self._next_batch = following, self._next_batch, self.batch
         self.warmup_batches = max(self.warmup_batches - 1, 0)
         self.steps += self._config.batch_size
-        self._check_finite()
+        for name, model in self.agent.networks.items():
+            if not all(parameter.isfinite().all() for parameter in model.parameters()):
+                raise DivergedError(
+                    f"after {self.steps} steps the {name} network is no longer finite: lower the learning rate"
+                )
         return means
 
     def _update(self) -> dict[str, float]:
@@ -276,7 +248,7 @@ class PPOLearner(Learner):
         ended = terminations | truncations
         batch.ended[step] = torch.as_tensor(ended)
         self._observations = self._tensor(observations)
-        metrics = {"step/reward": rewards, **step_metrics(infos)}
+        metrics = {"step/reward": rewards, **_step_metrics(infos)}
         if ended.any():
             for i in np.flatnonzero(truncations & ~terminations).tolist():
                 batch.add_truncated(step, i, self._tensor(infos["final_obs"][i]))
@@ -292,13 +264,6 @@ class PPOLearner(Learner):
     def _applied(self, actions: torch.Tensor) -> NDArray[np.float32]:
         """Returns the actions `(n, k)` of the environments for those of the policy."""
         return (actions * self.agent.policy.scale).numpy()
-
-    def _check_finite(self) -> None:
-        for name, model in self.agent.networks.items():
-            if not all(parameter.isfinite().all() for parameter in model.parameters()):
-                raise DivergedError(
-                    f"after {self.steps} steps the {name} network is no longer finite: lower the learning rate"
-                )
 
 
 def make_spec(
@@ -344,7 +309,10 @@ class PPOTraining(Training):
         config = Hyperparameters.for_domain(
             settings.domain_name, settings.hyperparameters, cloning=bool(settings.demonstrations)
         )
-        training = self._make_training_spec()
+        arguments = {**settings.environment_kwargs, **self.training_kwargs}
+        if (steps := arguments.pop("max_episode_steps", None)) is not None:
+            checks.integer(steps, "max_episode_steps", minimum=1)
+        training = make_spec(settings, arguments, steps)
         self.max_episode_steps = training.max_episode_steps
         options = spec.env_class.flat_options
         self.environments = training.make_vector_env(
@@ -361,14 +329,15 @@ class PPOTraining(Training):
         return learner
 
     def prepare(self, learner: PPOLearner) -> None:
-        if self.demonstrations:
-            with tqdm(total=self.config.clone_epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
+        if not self.demonstrations:
+            return
+        with tqdm(total=self.config.clone_epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
 
-                def report(loss: float) -> None:
-                    bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
-                    bar.update()
+            def report(loss: float) -> None:
+                bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
+                bar.update()
 
-                learner.imitate(*self.demonstrations, report)
+            learner.imitate(*self.demonstrations, report)
 
     def close(self) -> None:
         self.environments.close()
@@ -378,25 +347,15 @@ class PPOTraining(Training):
 
         The domain's are left out where the task's arguments have them.
         """
-        settings = self._settings
-        domain = suite.find_domain(settings.domain_name)
-        own = {} if settings.demonstrations else find_recipe(settings.domain_name).options
-        given = {*settings.environment_kwargs, *suite.task_arguments(settings.domain_name, self._spec.task_name)}
-        defaults = {name: value for name, value in own.items() if name not in given}
-        arguments = json.loads(json.dumps({**defaults, **settings.training_kwargs}))
-        if shared := sorted(
-            {*OBSERVATION_OPTIONS, *self._spec.env_class.goal_options, *domain.control_options} & arguments.keys()
-        ):
+        settings, name = self._settings, self._settings.domain_name
+        own = {} if settings.demonstrations else find_recipe(name).options
+        given = {*settings.environment_kwargs, *suite.task_arguments(name, self._spec.task_name)}
+        defaults = {option: value for option, value in own.items() if option not in given}
+        arguments: dict[str, Any] = json.loads(json.dumps({**defaults, **settings.training_kwargs}))
+        options = (*self._spec.env_class.goal_options, *suite.find_domain(name).control_options)
+        if shared := sorted({*OBSERVATION_OPTIONS, *options} & arguments.keys()):
             raise ValueError(f"training_kwargs cannot change {shared}, on which the policy depends: use --task_kwargs")
         return arguments
-
-    def _make_training_spec(self) -> EnvironmentSpec:
-        """Returns the specification of the environments that are trained in."""
-        arguments = {**self._settings.environment_kwargs, **self.training_kwargs}
-        steps = arguments.pop("max_episode_steps", None)
-        if steps is not None:
-            checks.integer(steps, "max_episode_steps", minimum=1)
-        return make_spec(self._settings, arguments, steps)
 
     def _load_initial_policy(self) -> TrainedPolicy | None:
         """Returns the policy to start from, if any; raises as `TrainedPolicy.load`."""

@@ -16,7 +16,6 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 from tqdm import tqdm
 
-from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.rollouts.rollout import Controller
 from kitchen_suite.settings import Schedule
 from kitchen_suite.training import checkpoints
@@ -85,6 +84,7 @@ class SeedRun:
     Attributes:
       resumed: whether the learner continues from a checkpoint.
       best: success rate and mean return of the best evaluation so far.
+      policy_file: file of its policy.
     """
 
     def __init__(
@@ -96,18 +96,12 @@ class SeedRun:
         evaluation_environments: SuiteVectorEnv,
         metadata: Mapping[str, Any],
     ) -> None:
-        """Restores the newest checkpoint in the folder, if there is one.
+        """Restores the newest checkpoint in the folder, if there is one; creates the folder otherwise.
 
-        Args:
-          folder: of curves, checkpoints, the best policy and the last one; created if it does not exist.
-          seed: of the learner.
-          schedule: when to evaluate and when to stop.
-          learner: new.
-          evaluation_environments: with autoreset mode `Disabled`; as many as episodes of an evaluation are played at
-            first, and all of them if there are no more.
-          metadata: of exported policies.
+        As many episodes of an evaluation are played at first as there are environments, which have autoreset mode
+        `Disabled`. The metadata is of exported policies.
         """
-        self._folder, self._seed, self._schedule = folder, seed, schedule
+        self._folder, self._seed, self._schedule, self.policy_file = folder, seed, schedule, folder / POLICY_FILE
         self._learner, self._evaluation_environments, self._metadata = learner, evaluation_environments, metadata
         folder.mkdir(parents=True, exist_ok=True)
         # Duration and processor time of all threads until the last evaluation [s].
@@ -115,12 +109,12 @@ class SeedRun:
         self.best, self._progress = NO_RESULT, 0.0
         # Success rates of the last two evaluations.
         self._successes: list[float] = []
-        self.resumed = self._restore()
-
-    @property
-    def policy_file(self) -> Path:
-        """File of the policy of the best evaluation so far."""
-        return self._folder / POLICY_FILE
+        checkpoint = checkpoints.load_last(folder, learner.check_fits)
+        self.resumed = checkpoint is not None
+        if checkpoint:
+            learner.load_state(checkpoint)
+            self._seconds = np.array([checkpoint.seconds, checkpoint.processor_seconds])
+            self.best, self._progress, self._successes = checkpoint.best, checkpoint.progress, checkpoint.successes
 
     @property
     def steps(self) -> int:
@@ -137,13 +131,24 @@ class SeedRun:
             self._learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000)
         # The curves that an interrupted run wrote after its last checkpoint are hidden.
         curves = CurveWriter(self._folder, first_step=self.steps + 1 if self.resumed else None)
-        with contextlib.closing(curves) as writer, self._progress_bar() as bar:
+        bar = tqdm(
+            total=self._schedule.num_steps,
+            initial=self.steps,
+            desc=f"seed {self._seed}, at most",
+            unit="step",
+            unit_scale=True,
+            disable=None,
+            leave=False,
+        )
+        with contextlib.closing(curves) as writer, bar:
             if not self.resumed:
                 self._evaluate_and_checkpoint(writer, report)
+            interval = self._schedule.eval_interval
             while (reason := self._stop_reason()) is None:
                 previous = self.steps
                 self._learn(writer, bar)
-                if self._is_evaluation_due(previous):
+                # After each multiple of the interval, and after the last steps.
+                if self.steps // interval > previous // interval or self._stop_reason() is not None:
                     self._evaluate_and_checkpoint(writer, report)
         return reason
 
@@ -157,13 +162,7 @@ class SeedRun:
             return StopReason.NO_PROGRESS
         return None
 
-    def _is_evaluation_due(self, previous: int) -> bool:
-        """Returns whether a multiple of `eval_interval` lies after the `previous` steps, or there are no more steps."""
-        interval = self._schedule.eval_interval
-        return self.steps // interval > previous // interval or self._stop_reason() is not None
-
     def _learn(self, writer: CurveWriter, bar: tqdm) -> None:
-        """Learns from one batch, and reports its metrics."""
         steps, started = self.steps, time.perf_counter()
         means = self._learner.learn()
         means["time/steps_per_second"] = (self.steps - steps) / (time.perf_counter() - started)
@@ -176,11 +175,20 @@ class SeedRun:
         """Evaluates the policy; writes its metrics, a checkpoint and a table row."""
         means = self._evaluate()
         self._seconds = _clocks() - self._started
-        minutes, processor_minutes = (self._seconds / 60).tolist()
+        seconds, processor_seconds = self._seconds.tolist()
+        minutes = seconds / 60
         curves = {name.replace("episode/", "evaluation/"): mean for name, mean in means.items()}
-        times = {"time/minutes": minutes, "time/processor_minutes": processor_minutes}
+        times = {"time/minutes": minutes, "time/processor_minutes": processor_seconds / 60}
         writer.write({**curves, **times}, self.steps)
-        self._save_checkpoint()
+        checkpoint = Checkpoint(
+            **self._learner.state(),
+            seconds=seconds,
+            processor_seconds=processor_seconds,
+            best=self.best,
+            progress=self._progress,
+            successes=self._successes,
+        )
+        checkpoints.save(self._folder, checkpoint)
         # In the columns of `HEADING`.
         report(
             f"{self._seed:4d}  {self.steps:11,d}  {minutes:7.1f}  {means['episode/return']:9.1f}  "
@@ -192,13 +200,15 @@ class SeedRun:
         policy = self._learner.export(self._metadata)
         metrics = self._play(self._learner.controller(policy, self._evaluation_environments))
         means = {name: float(values.mean()) for name, values in metrics.items()}
-        result = means["episode/success"], means["episode/return"]
+        success, mean_return = result = means["episode/success"], means["episode/return"]
         self._progress = max(self._progress, means["episode/progress"])
-        self._successes = [*self._successes[-1:], result[0]]
-        self._save_policy(policy, result, self._folder / LAST_POLICY_FILE)
+        self._successes = [*self._successes[-1:], success]
+        training = {"seed": self._seed, "steps": self.steps, "success": success, "return": mean_return}
+        policy = policy.with_metadata({**policy.metadata, "training": training})
+        policy.save(self._folder / LAST_POLICY_FILE)
         if result > self.best:
             self.best = result
-            self._save_policy(policy, result, self.policy_file)
+            policy.save(self.policy_file)
         return means
 
     def _play(self, controller: Controller) -> dict[str, NDArray]:
@@ -210,45 +220,6 @@ class SeedRun:
             return metrics
         others = evaluate(controller, environments, seeds[first:])
         return {name: np.concatenate([values, others[name]]) for name, values in metrics.items()}
-
-    def _save_policy(self, policy: StoredPolicy, result: tuple[float, float], file: Path) -> None:
-        success, mean_return = result
-        training = {"seed": self._seed, "steps": self.steps, "success": success, "return": mean_return}
-        metadata = {**policy.metadata, "training": training}
-        policy.with_metadata(metadata).save(file)
-
-    def _save_checkpoint(self) -> None:
-        seconds, processor_seconds = self._seconds.tolist()
-        checkpoint = Checkpoint(
-            **self._learner.state(),
-            seconds=seconds,
-            processor_seconds=processor_seconds,
-            best=self.best,
-            progress=self._progress,
-            successes=self._successes,
-        )
-        checkpoints.save(self._folder, checkpoint)
-
-    def _restore(self) -> bool:
-        """Restores the newest checkpoint; returns whether there is one."""
-        checkpoint = checkpoints.load_last(self._folder, self._learner.check_fits)
-        if checkpoint is None:
-            return False
-        self._learner.load_state(checkpoint)
-        self._seconds = np.array([checkpoint.seconds, checkpoint.processor_seconds])
-        self.best, self._progress, self._successes = checkpoint.best, checkpoint.progress, checkpoint.successes
-        return True
-
-    def _progress_bar(self) -> tqdm:
-        return tqdm(
-            total=self._schedule.num_steps,
-            initial=self.steps,
-            desc=f"seed {self._seed}, at most",
-            unit="step",
-            unit_scale=True,
-            disable=None,
-            leave=False,
-        )
 
 
 def _clocks() -> NDArray[np.float64]:

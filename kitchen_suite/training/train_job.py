@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import functools
 import shutil
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,8 @@ from gymnasium.vector import AutoresetMode
 from kitchen_suite import checks, files
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import video
-from kitchen_suite.rollouts.play_job import policy_rollout
 from kitchen_suite.rollouts.report import print_line
-from kitchen_suite.rollouts.rollout_job import RolloutJob
+from kitchen_suite.rollouts.rollout_job import RolloutJob, policy_rollout
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import ALGORITHMS, OFFLINE, PPO, PlaySettings, TrainSettings
 from kitchen_suite.training.checkpoints import CheckpointError
@@ -65,10 +63,7 @@ class TrainJob:
         self._seed_run: SeedRun | None = None
         self._best = self._present_best() if settings.resume else NO_RESULT
         description = RunDescription(**self.metadata, seed=settings.seed, algorithm=settings.algorithm)
-        if settings.resume:
-            description.resume(settings.output)
-        else:
-            description.create(settings.output)
+        (description.resume if settings.resume else description.create)(settings.output)
 
     def progress(self) -> str:
         steps = self._seed_run.steps if self._seed_run else 0
@@ -99,23 +94,22 @@ class TrainJob:
         return True
 
     def _train_seed(self, seed: int) -> StopReason:
-        """Trains with one seed; returns why it stopped."""
         folder = self._settings.output / f"seed_{seed}"
         learner = self.training.make_learner(seed)
         run = SeedRun(folder, seed, self._schedule, learner, self.evaluation_environments, self.metadata)
         self._seed_run = run
         if not run.resumed:
             self.training.prepare(learner)
-        reason = run.run(functools.partial(self._report, run))
+
+        def report(row: str) -> None:
+            self._keep_if_best(run)
+            print_line(row)
+
+        reason = run.run(report)
         self._keep_if_best(run)
         success, mean_return = run.best
         print_line(f"seed {seed}: {reason.value}; best evaluation: success {success:.0%}, return {mean_return:.1f}")
         return reason
-
-    def _report(self, run: SeedRun, row: str) -> None:
-        """Prints the row of an evaluation, after which the policy may be the best so far."""
-        self._keep_if_best(run)
-        print_line(row)
 
     def _present_best(self) -> tuple[float, float]:
         """Returns success rate and mean return of the policy in the folder of a run that is resumed."""
@@ -134,11 +128,14 @@ class TrainJob:
                 shutil.copyfile(run.policy_file, partial)
 
     def _film(self, file: Path) -> None:
-        """Films the best policy on a seed that it was not trained with."""
-        policy = self._settings.output / POLICY_FILE
-        RolloutJob(
-            policy_rollout(policy, num_episodes=1, seed=EVALUATION_SEEDS, video=file, video_fps=PlaySettings.video_fps)
-        ).run()
+        rollout = policy_rollout(
+            self._settings.output / POLICY_FILE,
+            num_episodes=1,
+            seed=EVALUATION_SEEDS,
+            video=file,
+            video_fps=PlaySettings.video_fps,
+        )
+        RolloutJob(rollout).run()
         print_line(f"video {file}")
 
 
@@ -147,11 +144,8 @@ def make_training(settings: TrainSettings, spec: EnvironmentSpec) -> Training:
     checks.choice(settings.algorithm, ALGORITHMS, "algorithm")
     if settings.algorithm == PPO:
         return PPOTraining(settings, spec)
-    # Both need a further package.
-    if settings.algorithm in OFFLINE:
-        from kitchen_suite.training.offline.learner import OfflineTraining
+    # It needs a further package.
+    from kitchen_suite.training.recorded import ImitationTraining, OfflineTraining
 
-        return OfflineTraining(settings, spec)
-    from kitchen_suite.training.imitation.learner import ImitationTraining
-
-    return ImitationTraining(settings, spec)
+    training = OfflineTraining if settings.algorithm in OFFLINE else ImitationTraining
+    return training(settings, spec)

@@ -14,25 +14,21 @@ from collections.abc import Generator, Iterator, Sequence
 from typing import Any
 
 from kitchen_suite import checks
-from kitchen_suite.workers.worker import ClusterError, RunnerFactory
+from kitchen_suite.workers.pool import ClusterError, Pool, RunnerFactory
 
 # Ray reads these when it is imported or started. The pool logs a worker's death itself; no usage statistics are sent.
 _RAY_VARIABLES = {
     "RAY_DEDUP_LOGS_SKIP_REGEX": "A worker died or was killed|Raylet is terminated",
     "RAY_USAGE_STATS_ENABLED": "0",
 }
-_CLIENT_SCHEME = "ray://"
-_CONNECT_TIMEOUT = 5.0  # [s]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RaySettings:
     """Number of Ray workers and the cluster that they run on.
 
-    Attributes:
-      workers: number of worker processes.
-      address: `HOST:PORT` of a cluster's head, `ray://HOST:PORT` of its client server, `auto` for the cluster that this
-        machine belongs to; None starts Ray on this machine.
+    The address is `HOST:PORT` of a cluster's head, `ray://HOST:PORT` of its client server, or `auto` for the cluster
+    that this machine belongs to; None starts Ray on this machine.
     """
 
     workers: int
@@ -40,12 +36,9 @@ class RaySettings:
 
     @classmethod
     def of(cls, workers: int, address: str | None) -> "RaySettings":
-        """Returns settings of an installed Ray, with a server that accepts connections at the address.
+        """Returns settings with an address at which a server accepts connections.
 
-        Raises:
-          ImportError: Ray is not installed.
-          OSError: nothing answers at the address.
-          ValueError: the address is malformed.
+        Raises an ImportError if Ray is not installed, an OSError if nothing answers, a ValueError for a bad address.
         """
         if importlib.util.find_spec("ray") is None:
             raise ImportError(f"workers need Ray: {checks.install_command('ray')}")
@@ -56,21 +49,13 @@ class RaySettings:
     def run(
         self, build: RunnerFactory, episodes: Sequence[tuple[int, int]], *, capacity: int, num_threads: int
     ) -> Generator[tuple[int, Any], None, None]:
-        """Runs episodes on the workers and yields (index, result) as each finishes. Close the generator to stop early.
+        """Runs episodes (index, seed) on the workers and yields (index, result) as each finishes, until it is closed.
 
-        Args:
-          build: builds the episode runner in a worker process; must be picklable.
-          episodes: (index, seed) of each.
-          capacity: maximum number of episodes that a worker holds.
-          num_threads: processors that a worker uses.
-
-        Raises:
-          ClusterError: Ray cannot be used, or workers cannot start or die repeatedly.
-          Exception: raised by an episode.
+        A worker holds `capacity` episodes at most, and uses `num_threads` processors; `build`, which must be picklable,
+        builds its episode runner there. Raises a ClusterError if Ray cannot be used, or workers cannot start or die
+        repeatedly, and any exception that an episode raises.
         """
         with self._connected(self.workers * num_threads):
-            from kitchen_suite.workers.pool import Pool
-
             pool = Pool(build, workers=self.workers, capacity=capacity, num_threads=num_threads)
             with contextlib.closing(pool):
                 yield from pool.run(episodes)
@@ -78,7 +63,7 @@ class RaySettings:
     @contextlib.contextmanager
     def _connected(self, num_cpus: int) -> Iterator[None]:
         """Connects to Ray, and disconnects or stops it at the end; uses the connection that the program has, if any."""
-        with _environment_defaults(_RAY_VARIABLES):
+        with _environment_defaults():
             import ray
 
             if ray.is_initialized():
@@ -103,20 +88,19 @@ class RaySettings:
 
 def _check_reachable(address: str) -> None:
     """Raises a ValueError for a malformed address, an OSError if nothing answers; Ray itself would try for minutes."""
-    host, _, port = address.removeprefix(_CLIENT_SCHEME).rpartition(":")
+    host, _, port = address.removeprefix("ray://").rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 2**16:
-        forms = f"HOST:PORT, {_CLIENT_SCHEME}HOST:PORT or auto"
+        forms = "HOST:PORT, ray://HOST:PORT or auto"
         raise ValueError(f"{checks.shown(address)} is not a Ray address: it must be {forms}")
     try:
-        socket.create_connection((host.strip("[]"), int(port)), _CONNECT_TIMEOUT).close()
+        socket.create_connection((host.strip("[]"), int(port)), timeout=5.0).close()
     except OSError as error:
         raise OSError(f"no Ray answers at {address}: {error}") from error
 
 
 @contextlib.contextmanager
-def _environment_defaults(variables: dict[str, str]) -> Iterator[None]:
-    """Sets those of the environment variables that are unset, and unsets them at the end."""
-    added = {name: value for name, value in variables.items() if name not in os.environ}
+def _environment_defaults() -> Iterator[None]:
+    added = {name: value for name, value in _RAY_VARIABLES.items() if name not in os.environ}
     os.environ.update(added)
     try:
         yield

@@ -7,7 +7,7 @@ from helpers.sweeps import brief_named
 
 from kitchen_suite.bridges.lerobot import LeRobotVectorEnv, features_of, make_vector_env
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.lerobot_columns import LeRobotObservations, dataset_features
+from kitchen_suite.recordings.lerobot_dataset import LeRobotObservations, dataset_features
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 
 STATES = {"obs_type": "environment_state_agent_pos"}

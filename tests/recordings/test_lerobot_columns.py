@@ -9,8 +9,7 @@ import pytest
 
 from kitchen_suite.cli.commands import record, replay
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.lerobot_columns import DIGEST, LeRobotObservations, dataset_features, digest
-from kitchen_suite.recordings.lerobot_dataset import home
+from kitchen_suite.recordings.lerobot_dataset import DIGEST, LeRobotObservations, dataset_features, digest, home
 from kitchen_suite.rollouts.rollout import SingleRollout
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.settings import EpisodeSettings

@@ -19,7 +19,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.policies import trained as trained_policy
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rendering import gl
-from kitchen_suite.rollouts import play_job
+from kitchen_suite.rollouts import rollout_job
 
 COMMAND = [sys.executable, "-m", "kitchen_suite", "play"]
 OBSERVATION_SIZE, ACTION_SIZE = 25, 8
@@ -179,7 +179,7 @@ def test_the_list_names_the_physics_of_training_and_of_the_success(run, tmp_path
     write_policy(shipped / "carried_over.npz", metadata={**trained, "training_kwargs": {"physics": "fast"}})
     write_policy(shipped / "exact.npz", metadata={**trained, "training_kwargs": None})
     write_policy(shipped / "fast.npz", metadata=trained, physics="fast")
-    monkeypatch.setattr(play_job, "SHIPPED", shipped)
+    monkeypatch.setattr(rollout_job, "SHIPPED", shipped)
     status, out, _ = run("--list", file=None)
     assert status == 0
     rows = [re.split(r"\s{2,}", line.strip()) for line in out.splitlines()]

@@ -26,7 +26,7 @@ HEIGHT, SIDE = 15, 18
 
 def demonstrations(count=20, length=30, *, cameras=()):
     """Returns made-up demonstrations, whose actions are smooth functions of the inputs, or are shown in pictures."""
-    from kitchen_suite.training.imitation.demonstrations import Demonstrations
+    from kitchen_suite.training.demonstrations import Demonstrations
 
     inputs = np.random.default_rng(0).uniform(-1.0, 1.0, (count, length, INPUTS)).cumsum(axis=1).astype(np.float32)
     actions = np.tanh(inputs[..., :ACTION] / 3.0)
@@ -52,8 +52,8 @@ def learner(algorithm, num_steps=300, seed=0, cameras=(), **changes):
     import torch
 
     from kitchen_suite.training.hyperparameters import checked_changes
-    from kitchen_suite.training.imitation.learner import ImitationLearner
-    from kitchen_suite.training.imitation.methods import METHODS
+    from kitchen_suite.training.imitation import METHODS
+    from kitchen_suite.training.recorded import ImitationLearner
 
     torch.set_num_threads(1)
     method = METHODS[algorithm]
@@ -135,7 +135,7 @@ def test_pictures_are_displaced_and_tinted_within_limits():
     import torch
 
     from kitchen_suite.training.hyperparameters import ImitationHyperparameters
-    from kitchen_suite.training.imitation.methods import augmented
+    from kitchen_suite.training.imitation import augmented
 
     torch.manual_seed(0)
     pictures = torch.zeros((200, 9, 11, 3), dtype=torch.uint8)
@@ -288,7 +288,7 @@ def test_imitation_needs_demonstrations(tmp_path, capsys):
 
 def test_episodes_that_failed_are_left_out(recording):
     from kitchen_suite.rollouts.folder import RecordingFolder
-    from kitchen_suite.training.imitation.demonstrations import load_recording
+    from kitchen_suite.training.demonstrations import load_recording
 
     folder, _ = recording
     opened = RecordingFolder.open(folder)
@@ -301,7 +301,7 @@ def test_episodes_that_failed_are_left_out(recording):
 
 def test_only_interventions_are_learned_from(tmp_path, capsys):
     from kitchen_suite.rollouts.folder import RecordingFolder
-    from kitchen_suite.training.imitation.demonstrations import load_recording, load_to_clone
+    from kitchen_suite.training.demonstrations import load_recording, load_to_clone
 
     folder = tmp_path / "runs"
     flags = ["--task_name=kettle", "--num_episodes=4", "--num_threads=1", "--policy=takeover(latest=9)"]
@@ -320,7 +320,7 @@ def test_only_interventions_are_learned_from(tmp_path, capsys):
 
 
 def test_chunks_end_where_an_intervention_does():
-    from kitchen_suite.training.imitation.demonstrations import _last_of_stretches
+    from kitchen_suite.training.demonstrations import _last_of_stretches
 
     taught = [np.array(labels, bool) for labels in ([0, 1, 1, 0, 1], [1, 1, 0], [0, 0], [1])]
     np.testing.assert_array_equal(_last_of_stretches(taught), [1, 1, 2, 4, 4, 5])
@@ -348,7 +348,7 @@ def test_a_policy_names_its_extra_observables_and_the_default_layout(tmp_path, c
 
 def test_episodes_that_are_not_finite_are_refused(recording, tmp_path):
     from kitchen_suite.rollouts.folder import RecordingFolder
-    from kitchen_suite.training.imitation.demonstrations import load_recording
+    from kitchen_suite.training.demonstrations import load_recording
 
     shutil.copytree(recording[0], tmp_path / "runs")
     opened = RecordingFolder.open(tmp_path / "runs")
@@ -362,7 +362,7 @@ def test_episodes_that_are_not_finite_are_refused(recording, tmp_path):
 
 def test_several_recordings_are_learned_from_together(recording):
     from kitchen_suite.rollouts.folder import RecordingFolder
-    from kitchen_suite.training.imitation.demonstrations import load_demonstrations, load_recording
+    from kitchen_suite.training.demonstrations import load_demonstrations, load_recording
 
     folder, _ = recording
     spec, tasks = RecordingFolder.open(folder).spec, ["kettle"]
@@ -427,7 +427,7 @@ PIXELS = {"obs_type": "pixels_agent_pos", "cameras": ["workspace"], "image_size"
 @pytest.mark.rendering
 def test_a_run_learns_from_recorded_pictures(tmp_path, capsys):
     from kitchen_suite.rollouts.spec import EnvironmentSpec
-    from kitchen_suite.training.imitation.demonstrations import load_demonstrations
+    from kitchen_suite.training.demonstrations import load_demonstrations
 
     folder, output = tmp_path / "pictures", tmp_path / "run"
     task = ["--domain_name=kitchen", "--task_name=light_switch", f"--task_kwargs={json.dumps(PIXELS)}"]

@@ -33,7 +33,7 @@ def corridor(count=200, length=12):
 
     The state is the place and a constant, the action the step, which is made with a small error.
     """
-    from kitchen_suite.training.offline.transitions import Transitions
+    from kitchen_suite.training.transitions import Transitions
 
     generator = np.random.default_rng(0)
     right = np.arange(count) % 2 == 0
@@ -56,7 +56,7 @@ def corridor(count=200, length=12):
 
 def forks(count=300, length=8):
     """Returns walks from one place in four directions, in which only the goal says where to go."""
-    from kitchen_suite.training.offline.transitions import Transitions
+    from kitchen_suite.training.transitions import Transitions
 
     generator = np.random.default_rng(0)
     directions = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])[np.arange(count) % 4]
@@ -77,8 +77,8 @@ def learner(algorithm, transitions, num_steps=600, seed=0, **changes):
     import torch
 
     from kitchen_suite.training.hyperparameters import checked_changes
-    from kitchen_suite.training.offline.learner import OfflineLearner
-    from kitchen_suite.training.offline.methods import OFFLINE_METHODS
+    from kitchen_suite.training.offline import OFFLINE_METHODS
+    from kitchen_suite.training.recorded import OfflineLearner
 
     torch.set_num_threads(1)
     method = OFFLINE_METHODS[algorithm]
@@ -134,7 +134,7 @@ def sampler(transitions, *, goals=False, **changes):
     import torch
 
     from kitchen_suite.training.hyperparameters import OfflineHyperparameters
-    from kitchen_suite.training.offline.transitions import GoalSampler, Sampler
+    from kitchen_suite.training.transitions import GoalSampler, Sampler
 
     torch.manual_seed(0)
     config = OfflineHyperparameters(**{"batch_size": 4000, "discount": 0.8, "chunk": 3, "n_step": 4, **changes})

@@ -43,7 +43,7 @@ def demonstrations(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def samples(demonstrations):
-    from kitchen_suite.training.imitation.demonstrations import load_to_clone
+    from kitchen_suite.training.demonstrations import load_to_clone
 
     return load_to_clone(demonstrations, spec_of("open_cabinet", "top_drawer"))
 
@@ -71,7 +71,7 @@ def test_demonstrations_are_observations_and_the_actions_taken_on_them(samples):
 
 @pytest.mark.parametrize("part", ["observation", "action"])
 def test_demonstrations_that_are_not_finite_are_refused(demonstrations, tmp_path, part):
-    from kitchen_suite.training.imitation.demonstrations import load_to_clone
+    from kitchen_suite.training.demonstrations import load_to_clone
 
     shutil.copytree(demonstrations, tmp_path / "episodes")
     folder = RecordingFolder.open(tmp_path / "episodes")
@@ -203,7 +203,7 @@ OTHER_ARGUMENTS = {
 
 @pytest.mark.parametrize(("recorded", "trained", "same"), OTHER_ARGUMENTS.values(), ids=OTHER_ARGUMENTS)
 def test_demonstrations_whose_numbers_mean_something_else_are_refused(tmp_path, recorded, trained, same):
-    from kitchen_suite.training.imitation.demonstrations import load_to_clone
+    from kitchen_suite.training.demonstrations import load_to_clone
 
     episodes = spec_of("kitchen", "all", **recorded).episodes(policy="zero", seed=0, seeding="gymnasium")
     RecordingFolder.create(tmp_path, episodes)
@@ -216,7 +216,7 @@ def test_demonstrations_whose_numbers_mean_something_else_are_refused(tmp_path, 
 
 @pytest.mark.parametrize("goal_format", ["dict", "flat"])
 def test_kitchen_demonstrations_have_the_order_of_a_policys_observations(tmp_path, goal_format):
-    from kitchen_suite.training.imitation.demonstrations import load_to_clone
+    from kitchen_suite.training.demonstrations import load_to_clone
 
     record_kitchen(tmp_path / "episodes", {"goal_format": goal_format})
     observations, actions = load_to_clone(tmp_path / "episodes", spec_of("kitchen", "kettle"))
@@ -228,7 +228,7 @@ def test_kitchen_demonstrations_have_the_order_of_a_policys_observations(tmp_pat
 
 
 def test_goals_recorded_by_task_are_flattened_in_the_order_of_flat_goals(tmp_path):
-    from kitchen_suite.training.imitation.demonstrations import load_to_clone
+    from kitchen_suite.training.demonstrations import load_to_clone
 
     # Neither the order of the alphabet nor that of all tasks.
     tasks, loaded = ["slide cabinet", "microwave", "kettle", "light switch"], []

@@ -13,7 +13,7 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.tasks.open_cabinet import reward
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
-from kitchen_suite.workers.worker import ClusterError, Worker
+from kitchen_suite.workers.pool import ClusterError, Worker
 
 EPISODES = [(index, 3 + index) for index in range(6)]
 

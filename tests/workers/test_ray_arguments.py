@@ -8,7 +8,7 @@ import socket
 import pytest
 
 from kitchen_suite.cli.commands import record, rollout
-from kitchen_suite.workers.worker import waiting_line
+from kitchen_suite.workers.pool import waiting_line
 
 COMMANDS = {"kitchen-record": record.main, "kitchen-rollout": rollout.main}
 BAD = {

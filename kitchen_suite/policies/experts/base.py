@@ -52,6 +52,7 @@ class Expert(abc.ABC):
     Attributes:
       control_modes: classes of the control modes by name; the first is the default.
       observation_size: elements of an observation.
+      encoder: turns the planned joint positions into actions.
     """
 
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]]
@@ -65,10 +66,9 @@ class Expert(abc.ABC):
         """Prepares for episodes; the encoder has the arm's kinematics and speed limits."""
         if not isinstance(style, MotionStyle | None):
             raise TypeError(f"style must be a MotionStyle, got {checks.shown(style)}")
-        self._style, self._encoder = style or MotionStyle(), encoder
+        self._style, self.encoder = style or MotionStyle(), encoder
         self._kinematics, self._limits = encoder.arm.kinematics, encoder.limits
-        self._low, self._high = (np.asarray(bound, np.float64) for bound in (encoder.low, encoder.high))
-        if self._style.random_actions and not np.isfinite(np.append(self._low, self._high)).all():
+        if self._style.random_actions and not np.isfinite(np.append(encoder.low, encoder.high)).all():
             raise ValueError("random_actions needs a control mode whose actions have bounds")
         self.reset(np.random.default_rng(0))
 
@@ -86,26 +86,20 @@ class Expert(abc.ABC):
         settings = mode.settings if options.get("control_mode", mode.name) == mode.name else {}
         return cls(**{"control_mode": mode.name, **settings, **cls._task_settings(task), **options})
 
-    @property
-    def encoder(self) -> ActionEncoder:
-        """Turns the planned joint positions into actions."""
-        return self._encoder
-
     @classmethod
     def missing_in(cls, task: Any) -> list[str]:
         """Returns the names of the extra observables that the expert needs in a task and that the task lacks."""
         return cls(**cls._task_settings(task)).missing_observables(task.variations.layout)
 
     @classmethod
-    @abc.abstractmethod
     def _task_settings(cls, task: Any) -> dict[str, Any]:
         """Returns the arguments of the class that a task sets, other than those of its control mode."""
+        return {}
 
     def check_observes(self, varied: Collection[str]) -> None:
         """Raises a ValueError unless the expert observes the poses of all objects that it moves and that a task varies.
 
-        Args:
-          varied: names of the parameters that the task varies, such as `microwave/offset`.
+        Parameters that the task varies have names such as `microwave/offset`.
         """
         if missing := self.missing_observables(varied):
             raise ValueError(f"the expert needs extra_observables {missing} where the task varies {sorted(varied)}")
@@ -115,11 +109,7 @@ class Expert(abc.ABC):
         return []
 
     def reset(self, generator: np.random.Generator) -> None:
-        """Begins an episode.
-
-        Args:
-          generator: source of jitter and action noise; a style without them draws nothing.
-        """
+        """Begins an episode; the generator is the source of jitter and action noise, if the style has them."""
         self._generator = generator
         self._trajectory: JointTrajectory | None = None
         self._time, self._halted_steps = 0.0, 0
@@ -127,27 +117,25 @@ class Expert(abc.ABC):
     def act(self, observation: ArrayLike) -> NDArray[np.float32]:
         """Returns the next action, within its bounds.
 
-        Args:
-          observation: the flat observation of the environment, without goals; checked for its shape and finite numbers.
+        The flat observation of the environment, without goals, is checked for its shape and finite numbers.
         """
         observation = checks.vector(observation, self.observation_size, "observation")
         positions = self.robot_positions(observation)
-        joints = positions[ARM]
+        joints, encoder, style = positions[ARM], self.encoder, self._style
         if self._trajectory is None:
-            self._encoder.reset(joints)
+            encoder.reset(joints)
         if (trajectory := self._next_trajectory(observation, joints)) is not None:
             self._trajectory, self._time, self._halted_steps, self._target = trajectory, 0.0, 0, joints
-        if self._encoder.follows(joints, self._target):
-            self._time, self._halted_steps = self._time + self._style.speed * self._pace, 0
+        if encoder.follows(joints, self._target):
+            self._time, self._halted_steps = self._time + style.speed * self._pace, 0
         else:
             self._halted_steps += 1
         self._target, fingers = self._current_trajectory.at(self._time)
-        encoder, size = self._encoder, self._encoder.arm_size
-        action = encoder.encode(positions, self._target, fingers)
-        if self._style.action_noise:
-            action[:size] += self._style.action_noise * self._generator.standard_normal(size)
-        if self._style.random_actions and self._generator.random() < self._style.random_actions:
-            action[:size] = self._generator.uniform(self._low, self._high, action.shape)[:size]
+        action, size = encoder.encode(positions, self._target, fingers), encoder.arm_size
+        if style.action_noise:
+            action[:size] += style.action_noise * self._generator.standard_normal(size)
+        if style.random_actions and self._generator.random() < style.random_actions:
+            action[:size] = self._generator.uniform(encoder.low, encoder.high, action.shape)[:size]
         bounded = np.clip(action, encoder.low, encoder.high).astype(np.float32)
         encoder.applied(positions, bounded.astype(np.float64))
         return bounded
@@ -164,11 +152,10 @@ class Expert(abc.ABC):
     @property
     def _current_fingers(self) -> float:
         """Opening of each finger that the trajectory has at present [m]."""
-        _, fingers = self._current_trajectory.at(self._time)
-        return fingers
+        return self._current_trajectory.at(self._time)[1]
 
     def _has_ended(self, settle_steps: float) -> bool:
-        """Whether the trajectory ended at least `settle_steps` control steps ago, or the arm cannot follow it."""
+        """Returns whether the trajectory ended that many control steps ago, or the arm cannot follow it."""
         return self._time >= self._current_trajectory.duration + settle_steps or self._halted_steps >= _MAX_HALTED_STEPS
 
     def _draw_offsets(self, count: int) -> Array:
@@ -192,10 +179,8 @@ class Expert(abc.ABC):
 def make(task: composer.Task, *, kind: str = "expert", **options: Any) -> Expert:
     """Builds the expert for a task from the task's settings; it never reads the physics.
 
-    Args:
-      task: of an environment of the suite.
-      kind: as of `expert_class`.
-      **options: arguments of the expert's class, such as `style`; they replace those of the task.
+    Options are arguments of the expert's class, such as `style`, and replace those of the task; `kind` is as of
+    `expert_class`.
     """
     return expert_class(task, kind).for_task(task, **options)
 
@@ -203,9 +188,7 @@ def make(task: composer.Task, *, kind: str = "expert", **options: Any) -> Expert
 def expert_class(task: composer.Task, kind: str = "expert") -> type[Expert]:
     """Returns the class of the expert for a task: that of its domain; raises a ValueError if there is none.
 
-    Args:
-      task: of an environment of the suite.
-      kind: attribute of the domain that names the class: `expert`, or `undirected`.
+    The attribute `kind` of the domain, `expert` or `undirected`, names the class.
     """
     domains = {domain.name: domain for domain in suite.DOMAINS.values() if getattr(domain, kind)}
     name = getattr(task, "domain_name", None)

@@ -8,34 +8,19 @@ from typing import Any, ClassVar, NamedTuple
 
 import mink
 import numpy as np
-from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN, Array
 from kitchen_suite.policies.experts.trajectories import HandSpeedLimits, JointSpeedLimits
 from kitchen_suite.tasks import rotations
-from kitchen_suite.tasks.control_modes.end_effector import (
-    COMMAND_ANGLE,
-    COMMAND_DISTANCE,
-    REACH,
-    EndEffectorDeltaPose,
-    EndEffectorDeltaPosition,
-    EndEffectorPose,
-)
-from kitchen_suite.tasks.control_modes.joints import (
-    JOINT_HIGH,
-    JOINT_LOW,
-    TARGET_DISTANCE,
-    JointDelta,
-    JointOffset,
-    JointPosition,
-)
+from kitchen_suite.tasks.control_modes import end_effector
+from kitchen_suite.tasks.control_modes import joints as joint_modes
 from kitchen_suite.tasks.kitchen import action as kitchen_action
 from kitchen_suite.tasks.mdp import ActionMode
 
-# Distances of the hand from its target beyond which it does not follow [m, rad].
-_MAX_DISTANCE, _MAX_ANGLE = 0.1, 0.5
+# Distances of the hand, and of a joint, from the target beyond which they do not follow [m, rad; rad].
+_MAX_DISTANCE, _MAX_ANGLE, _MAX_LAG = 0.1, 0.5, 0.25
 
 # Fraction of the mode's speeds at which trajectories move, so that actions can still correct errors.
 _SPEED_RESERVE = 0.9
@@ -43,9 +28,6 @@ _SPEED_RESERVE = 0.9
 # Greatest speeds of the hand in `ee_pose`, and angular speed in `ee_delta_position` [m/s, rad/s]: the defaults of the
 # modes that have speeds.
 _LINEAR_SPEED, _ANGULAR_SPEED = 0.25, 1.0
-
-# Distance of a joint from its target beyond which it does not follow [rad].
-_MAX_LAG = 0.25
 
 # The velocity scale for which the joint speeds hold: velocity of a joint for an action of one [rad/s].
 _VELOCITY_SCALE = 2.0
@@ -102,8 +84,8 @@ class ActionEncoder(abc.ABC):
     turns_hand: ClassVar[bool] = True
 
     limits: JointSpeedLimits
-    low: ArrayLike = -1.0
-    high: ArrayLike = 1.0
+    low: Array | float = -1.0
+    high: Array | float = 1.0
     arm_size: int = 7
 
     def __init__(self, mode: Any, arm: ArmModel) -> None:
@@ -121,17 +103,15 @@ class ActionEncoder(abc.ABC):
     def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         """Returns the action that moves joints and fingers to their targets within a control step, before clipping.
 
-        Args:
-          positions: observed positions of the robot's joints, those of the arm first [rad, m].
-          target: `(7,)`, target of the arm's joints [rad].
-          fingers: target of each finger [m].
+        Positions are those of the robot's joints, the arm's first [rad, m]; the target `(7,)` is of the arm's joints
+        [rad], `fingers` of each finger [m].
         """
 
     def applied(self, positions: Array, action: Array) -> None:  # noqa: B027
         """Updates the memory of the mode after an action within its bounds at observed joint positions [rad, m]."""
 
 
-def gripper_action(fingers: float) -> float:
+def _gripper_action(fingers: float) -> float:
     """Returns the gripper's element of an action for an opening of each finger [m]: +1 closed, -1 open."""
     return 1.0 - 2.0 * fingers / OPEN
 
@@ -158,7 +138,8 @@ class _Pose(NamedTuple):
     def near(self, hand: "_Pose") -> "_Pose":
         """This pose, brought as near to the hand as commanded poses are."""
         offset, turn = hand.error(self)
-        return hand.moved(rotations.within(offset, COMMAND_DISTANCE), rotations.within(turn, COMMAND_ANGLE))
+        offset = rotations.within(offset, end_effector.COMMAND_DISTANCE)
+        return hand.moved(offset, rotations.within(turn, end_effector.COMMAND_ANGLE))
 
 
 class HandEncoder(ActionEncoder):
@@ -185,7 +166,7 @@ class HandEncoder(ActionEncoder):
     def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         hand = self._pose(positions[ARM])
         offset, turn = (error / self.arm.hand_response for error in hand.error(self._pose(target)))
-        return np.append(self._encode_pose(hand.moved(offset, turn).near(hand)), gripper_action(fingers))
+        return np.append(self._encode_pose(hand.moved(offset, turn).near(hand)), _gripper_action(fingers))
 
     def _pose(self, joints: Array) -> _Pose:
         """Pose of the hand at joint positions `(7,)` [rad]."""
@@ -201,16 +182,14 @@ class PoseEncoder(HandEncoder):
 
     def _encode_pose(self, pose: _Pose) -> Array:
         to_base = rotations.inverse(self._base.orientation)
-        position = rotations.rotated(to_base, pose.position - self._base.position) / REACH
+        position = rotations.rotated(to_base, pose.position - self._base.position) / end_effector.REACH
         return np.append(position, rotations.product(to_base, pose.orientation))
 
 
 class _DeltaEncoder(HandEncoder):
     """An encoder of a mode that changes the commanded pose; it keeps account of that pose."""
 
-    def __init__(
-        self, mode: EndEffectorDeltaPosition | EndEffectorDeltaPose, arm: ArmModel, *, angular_speed: float
-    ) -> None:
+    def __init__(self, mode: Any, arm: ArmModel, *, angular_speed: float) -> None:
         super().__init__(mode, arm, linear_speed=mode.linear_speed, angular_speed=angular_speed)
         self._frame, self._step = mode.frame, mode.linear_speed * arm.timestep
 
@@ -231,7 +210,7 @@ class DeltaPositionEncoder(_DeltaEncoder):
     turns_hand = False
     arm_size = 3
 
-    def __init__(self, mode: EndEffectorDeltaPosition, arm: ArmModel) -> None:
+    def __init__(self, mode: end_effector.EndEffectorDeltaPosition, arm: ArmModel) -> None:
         super().__init__(mode, arm, angular_speed=_ANGULAR_SPEED)
 
     def applied(self, positions: Array, action: Array) -> None:
@@ -245,16 +224,15 @@ class DeltaPoseEncoder(_DeltaEncoder):
 
     arm_size = 6
 
-    def __init__(self, mode: EndEffectorDeltaPose, arm: ArmModel) -> None:
+    def __init__(self, mode: end_effector.EndEffectorDeltaPose, arm: ArmModel) -> None:
         super().__init__(mode, arm, angular_speed=mode.angular_speed)
         self._turn = mode.angular_speed * arm.timestep
 
     def applied(self, positions: Array, action: Array) -> None:
         axes = self._axes()
-        moved = self._commanded.moved(
-            rotations.rotated(axes, self._step * action[:3]), rotations.rotated(axes, self._turn * action[3:6])
-        )
-        self._commanded = moved.near(self._pose(positions[ARM]))
+        offset = rotations.rotated(axes, self._step * action[:3])
+        turn = rotations.rotated(axes, self._turn * action[3:6])
+        self._commanded = self._commanded.moved(offset, turn).near(self._pose(positions[ARM]))
 
     def _encode_pose(self, pose: _Pose) -> Array:
         turn = rotations.difference(pose.orientation, self._commanded.orientation)
@@ -296,14 +274,14 @@ class VelocityEncoder(JointEncoder):
             self._commanded = kitchen_action.position_target(self._base_positions(positions), action, **unit)
 
     def _base_positions(self, observed: Array) -> Array:
-        """Robot positions `(9,)` to which the environment adds the action, given the observed ones [rad, m]."""
+        """Returns the robot positions `(9,)` to which the environment adds the action [rad, m]."""
         return observed if self._commanded is None else self._commanded
 
 
 class PositionEncoder(JointEncoder):
     """Encoder of `joint_position`."""
 
-    low, high = JOINT_LOW, JOINT_HIGH
+    low, high = joint_modes.JOINT_LOW, joint_modes.JOINT_HIGH
 
     def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         arm = self.arm.servo_targets(positions[ARM], target)
@@ -331,7 +309,7 @@ class OffsetEncoder(JointEncoder):
 class DeltaEncoder(JointEncoder):
     """Encoder of `joint_delta`; it keeps account of the commanded joint positions."""
 
-    def __init__(self, mode: JointDelta, arm: ArmModel) -> None:
+    def __init__(self, mode: joint_modes.JointDelta, arm: ArmModel) -> None:
         self._step = mode.joint_speed * arm.timestep
         super().__init__(mode, arm, speed=_SPEED_RESERVE * self._step)
 
@@ -340,23 +318,23 @@ class DeltaEncoder(JointEncoder):
 
     def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         change = self.arm.led(positions[ARM], target) - self._commanded
-        return np.append(change / self._step, gripper_action(fingers))
+        return np.append(change / self._step, _gripper_action(fingers))
 
     def applied(self, positions: Array, action: Array) -> None:
         joints, commanded = positions[ARM], self._commanded + self._step * action[ARM]
-        self._commanded = np.clip(commanded, joints - TARGET_DISTANCE, joints + TARGET_DISTANCE)
+        self._commanded = np.clip(commanded, joints - joint_modes.TARGET_DISTANCE, joints + joint_modes.TARGET_DISTANCE)
 
 
 ENCODERS: Mapping[type[ActionMode], Callable[[Any, ArmModel], ActionEncoder]] = MappingProxyType(
     {
         kitchen_action.JointVelocity: VelocityEncoder,
         kitchen_action.KitchenJointPosition: KitchenPositionEncoder,
-        JointOffset: OffsetEncoder,
-        JointPosition: PositionEncoder,
-        JointDelta: DeltaEncoder,
-        EndEffectorDeltaPosition: DeltaPositionEncoder,
-        EndEffectorDeltaPose: DeltaPoseEncoder,
-        EndEffectorPose: PoseEncoder,
+        joint_modes.JointOffset: OffsetEncoder,
+        joint_modes.JointPosition: PositionEncoder,
+        joint_modes.JointDelta: DeltaEncoder,
+        end_effector.EndEffectorDeltaPosition: DeltaPositionEncoder,
+        end_effector.EndEffectorDeltaPose: DeltaPoseEncoder,
+        end_effector.EndEffectorPose: PoseEncoder,
     }
 )
 

@@ -16,13 +16,11 @@ from kitchen_suite.policies.experts.skills import Array
 # The arm's joints among the robot's; the fingers' joints follow.
 ARM = slice(0, 7)
 
-# Cost of the hand's orientation error: one radian costs as much as a position error of this size [m].
-_ORIENTATION_COST = 0.3
-# Cost of joint motion, as the arm is redundant: one radian costs as much as a position error of this size [m].
-_POSTURE_COST = 3e-3
+# Costs of the hand's orientation error and, as the arm is redundant, of joint motion: one radian costs as much as a
+# position error of this size [m].
+_ORIENTATION_COST, _POSTURE_COST = 0.3, 3e-3
 # Inverse kinematics stops at an iteration whose joint step is this small [rad], or after this many iterations.
-_TOLERANCE = 1e-4
-_MAX_ITERATIONS = 60
+_TOLERANCE, _MAX_ITERATIONS = 1e-4, 60
 # Damping near singular configurations: of the hand's task, and of the whole problem.
 _HAND_DAMPING, _DAMPING = 1e-3, 1e-6
 
@@ -37,11 +35,7 @@ def _robot_model(build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> tup
 
 
 class ArmKinematics:
-    """Forward and inverse kinematics of the arm's seven joints, and its gravity torques.
-
-    Attributes:
-      base: pose of the robot's base in the world.
-    """
+    """Forward and inverse kinematics of the arm's seven joints, gravity torques, and the base's pose in the world."""
 
     def __init__(self, build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> None:
         """Builds the kinematics of a robot at its site in an arena of a class."""

@@ -2,7 +2,7 @@
 
 import collections
 import functools
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Self
 
 import mink
@@ -18,13 +18,7 @@ from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Move, Skill
-from kitchen_suite.policies.experts.trajectories import (
-    OUT_OF_REACH,
-    JointSpeedLimits,
-    JointTrajectory,
-    plan,
-    plan_retreat,
-)
+from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks import observables
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import GoalSet, StrictSuccess, Thresholds, make_success
@@ -65,25 +59,14 @@ POSES = {task: f"{goal.prop}/pose" for task, goal in GOALS.items() if goal.prop 
 
 _OBSERVABLES = frozenset((BASE, *POSES.values()))
 
-_ACTUATORS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
-_GAINS = np.array([actuator.gain for actuator in _ACTUATORS])
-# Fraction of a joint's position error that its actuator removes in a control step: gain and damping of the joint make a
-# first-order lag.
-_RESPONSE = 1.0 - np.exp(-CONTROL_TIMESTEP * _GAINS / np.array([actuator.damping for actuator in _ACTUATORS]))
-
-# Joint speeds that the actuators can follow [rad / control step]. The shoulder's limit is 0.06: its torque limit less
-# the torque of gravity.
-_JOINT_SPEED = (0.06,) * 4 + (0.08,) * 3
-
-# Fraction of the hand's error that the control modes of the end effector remove in a control step.
-_HAND_RESPONSE = 0.55
-
 
 class KitchenExpert(Expert):
     """Completes tasks of the kitchen one after the other, and repeats a failed task after the others."""
 
     control_modes = CONTROL_MODES
     observation_size = SIZE
+
+    _build_goals: Callable[..., GoalSet] = staticmethod(build_goals)
 
     def __init__(
         self,
@@ -120,7 +103,7 @@ class KitchenExpert(Expert):
             tasks when others are requested, as with the environment's `tasks_in_turn`.
           **control_options: arguments of the control mode: the environment's.
         """
-        self._goals = self._collect_goals(tasks, goals)
+        self._goals = self._build_goals(tasks, goals)
         self._success = make_success(
             self._goals, scene(), default=THRESHOLD, success=success, threshold=threshold, positive=True
         )
@@ -135,10 +118,6 @@ class KitchenExpert(Expert):
         precise = STRICT_SKILLS if self._is_strict else SKILLS
         self._skills = precise if encoder.turns_hand else FIXED_SKILLS
         super().__init__(style, encoder)
-
-    @staticmethod
-    def _collect_goals(tasks: Sequence[str], values: Mapping[str, ArrayLike] | None) -> GoalSet:
-        return build_goals(tasks, values)
 
     @classmethod
     def for_task(cls, task: KitchenTask, **options: Any) -> Self:
@@ -177,10 +156,15 @@ class KitchenExpert(Expert):
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
         requested, distances = self._requested(observation), self._relative_distances(observation)
         if self._trajectory is None or requested != self._tasks:
-            return self._turn_to(requested, observation, joints)
+            # What is under way is left for the tasks that are requested now.
+            retreat = self._plan_retreat(joints) if self._remaining else JointTrajectory.stationary(joints, OPEN)
+            self._tasks, self._remaining = requested, collections.deque(requested)
+            return self._then_first_task(retreat, observation)
         distance = distances[self._remaining[0]] if self._remaining else None
         if self._is_strict:
-            self._pace = _pace(distance)
+            # Near their goals objects are moved more slowly.
+            slowed = 1.0 if distance is None else max((distance - 1.0) / _SLOW_DISTANCE, _LEAST_PACE)
+            self._pace = min(slowed, 1.0)
         if distance is None:
             return self._resume_from_rest(distances, observation, joints)
         if distance < self._done:
@@ -205,19 +189,12 @@ class KitchenExpert(Expert):
         wanted = {task for task, is_asked in requests if is_asked}
         return tuple(task for task in self._order if task in wanted)
 
-    def _turn_to(self, tasks: tuple[str, ...], observation: Array, joints: Array) -> JointTrajectory:
-        """Begins with tasks, and leaves for them what is under way."""
-        retreat = self._plan_retreat(joints) if self._remaining else JointTrajectory.stationary(joints, OPEN)
-        self._tasks, self._remaining = tasks, collections.deque(tasks)
-        return self._then_first_task(retreat, observation)
-
     def _resume_from_rest(
         self, distances: Mapping[str, float], observation: Array, joints: Array
     ) -> JointTrajectory | None:
         """Starts on tasks that have come undone, if there are any, once the last retreat has ended."""
-        if not self._has_ended(_SETTLE_STEPS):
-            return None
-        self._remaining.extend(task for task in self._tasks if distances[task] > _UNDONE)
+        if self._has_failed:
+            self._remaining.extend(task for task in self._tasks if distances[task] > _UNDONE)
         if not self._remaining:
             return None
         return self._then_first_task(JointTrajectory.stationary(joints, OPEN), observation)
@@ -232,13 +209,13 @@ class KitchenExpert(Expert):
 
         If all tasks are out of reach, the first one is tried.
         """
-        for _ in range(len(self._remaining)):
-            planned = self._plan(self._remaining[0], observation)
-            if not self._layout.slices or _is_reachable(planned):
-                return trajectory.then(planned, self._limits)
-            self._remaining.rotate(-1)
         if not self._remaining:
             return trajectory
+        for _ in range(len(self._remaining)):
+            planned = self._plan(self._remaining[0], observation)
+            if not self._layout.slices or planned.is_reachable:
+                return trajectory.then(planned, self._limits)
+            self._remaining.rotate(-1)
         return trajectory.then(self._plan(self._remaining[0], observation), self._limits)
 
     def _plan_retreat(self, joints: Array) -> JointTrajectory:
@@ -258,45 +235,28 @@ class KitchenExpert(Expert):
 
     def _plan_in_frame(self, skill: Skill, position: Array | None, frame: mink.SE3) -> JointTrajectory:
         """Plans a skill in a frame; the hand is turned a little where its poses are out of reach."""
-        best = None
-        for turn in _TURNS if self._encoder.turns_hand else _TURNS[:1]:
+        tried = []
+        for turn in _TURNS if self.encoder.turns_hand else _TURNS[:1]:
             planned = self._plan_skill(skill.turned(turn) if turn else skill, position, frame)
-            if _is_reachable(planned) and planned.arc_share >= _ENOUGH_OF_ARC:
+            if planned.is_reachable and planned.arc_share >= _ENOUGH_OF_ARC:
                 return planned
-            if best is None or (_is_reachable(planned), planned.arc_share) > (_is_reachable(best), best.arc_share):
-                best = planned
-        assert best is not None, "there is at least one turn"
-        return best
+            tried.append(planned)
+        return max(tried, key=lambda planned: (planned.is_reachable, planned.arc_share))
 
     def _plan_skill(self, skill: Skill, position: Array | None, frame: mink.SE3 | None) -> JointTrajectory:
         offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
         return plan(self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets)
 
     def _choose_skill(self, task: str, observation: Array, frame: mink.SE3 | None) -> Skill:
-        skill = self._skills[task]
-        if task == "kettle":
-            skill = kitchen_skills.kettle_skill(skill, achieved(task, observation)[:3])
-        if task == "slide cabinet":
-            _, door = achieved("hinge cabinet", observation)
-            skill = kitchen_skills.slide_skill(skill, door)
-        if task == "hinge cabinet" and self._is_strict and self._encoder.turns_hand:
-            left_door, _ = achieved(task, observation)
-            skill = kitchen_skills.hinge_skill(skill, left_door)
-        if task == "left hinge cabinet":
-            skill = kitchen_skills.left_door_skill(skill, *achieved(task, observation))
-        if frame is None or self._encoder.turns_hand:
+        turns_hand = self.encoder.turns_hand
+        kettle, doors = (achieved(name, observation) for name in ("kettle", "hinge cabinet"))
+        skill = kitchen_skills.adapted(
+            self._skills[task], task, kettle[:3], *doors, shuts_left_door=self._is_strict and turns_hand
+        )
+        if frame is None or turns_hand:
             return skill
         rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation
         return skill.with_orientation(HandOrientation.from_rotation(rotation))
-
-
-def _pace(distance: float | None) -> float:
-    """Returns the share of the speed at which an object is moved at a distance from its goal, in units of tolerance."""
-    return 1.0 if distance is None else min(max((distance - 1.0) / _SLOW_DISTANCE, _LEAST_PACE), 1.0)
-
-
-def _is_reachable(trajectory: JointTrajectory) -> bool:
-    return trajectory.position_error <= OUT_OF_REACH
 
 
 @functools.lru_cache(maxsize=1024)
@@ -360,12 +320,15 @@ def _pose(values: Array) -> mink.SE3:
 @functools.cache
 def arm_model() -> ArmModel:
     """The arm in the kitchen, shared by all instances."""
+    gains, damping = np.array([(link.actuator.gain, link.actuator.damping) for link in KITCHEN_FRANKA.links]).T
     return ArmModel(
         kinematics=ArmKinematics(KitchenArena, KITCHEN_FRANKA),
-        gains=_GAINS,
-        joint_response=_RESPONSE,
-        hand_response=_HAND_RESPONSE,
-        joint_speed=_JOINT_SPEED,
+        gains=gains,
+        # In a control step, of the position error: gain and damping of a joint make a first-order lag.
+        joint_response=1.0 - np.exp(-CONTROL_TIMESTEP * gains / damping),
+        hand_response=0.55,
+        # That the actuators can follow. The shoulder's limit is 0.06: its torque limit less the torque of gravity.
+        joint_speed=(0.06,) * 4 + (0.08,) * 3,
         timestep=CONTROL_TIMESTEP,
     )
 

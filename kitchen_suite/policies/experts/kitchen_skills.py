@@ -52,21 +52,12 @@ def push(
 
 
 def grasp(
-    bar: Vector,
-    orientation: HandOrientation,
-    distances: Vector,
-    *,
-    settle_steps: int,
-    speed: float = UNLIMITED,
+    bar: Vector, orientation: HandOrientation, distances: Vector, *, settle_steps: int, speed: float = UNLIMITED
 ) -> tuple[Move, ...]:
-    """Moves that bring the open hand to a bar, in free space at first, and close the fingers around it.
+    """Moves that bring the open hand to a point on a bar [m], in free space at first, and close the fingers around it.
 
-    Args:
-      bar: a point on the bar [m].
-      orientation: of the hand.
-      distances: of the site from the point: far, near and at the grasp [m].
-      settle_steps: control steps in which the fingers close.
-      speed: greatest speed of the last motion [m/s].
+    The site's distances from the point are those far from it, near it and at the grasp [m]. The speed limit is that of
+    the last motion [m/s]; the fingers close in `settle_steps` control steps.
     """
     far, near, at = (orientation.standoff_position(bar, distance) for distance in distances)
     return (
@@ -120,9 +111,7 @@ class Door:
 
 
 # Positions of the left and right knobs along x, of all along y, and heights of the lower and upper ones [m].
-_LEFT, _RIGHT = -0.256, -0.133
-_Y = 0.65
-_LOW, _HIGH = 2.226, 2.34
+_LEFT, _RIGHT, _Y, _LOW, _HIGH = -0.256, -0.133, 0.65, 2.226, 2.34
 
 # Joint positions from which inverse kinematics starts [rad].
 _AT_KNOBS = (-0.89, -0.78, 1.25, -2.28, 0.2, 1.46, 2.0)
@@ -179,10 +168,7 @@ def turn_knob(x: float, height: float, orientation: HandOrientation, angle: floa
     tip = (x - lever, _Y, height + lever)
     free = (x - lever, _Y - 0.06, height + lever)
     return Skill(
-        moves=(
-            *push((free, tip), orientation, speed=1.0),
-            ArcMove(angle=angle, speed=1.5),
-        ),
+        moves=(*push((free, tip), orientation, speed=1.0), ArcMove(angle=angle, speed=1.5)),
         ik_seed=_AT_KNOBS,
         object_joint=Revolute(elements=(0,), anchor=(x, _Y, height), axis=BACK),
         retreat=(0.0, -0.04, 0.0),
@@ -199,25 +185,14 @@ def turn_knob_back(x: float, height: float, orientation: HandOrientation) -> Ski
     angles = np.radians(np.linspace(-55.0, -270.0, 12)).tolist()
     tips: list[Vector] = [(x + lever * math.sin(angle), _Y, height + lever * math.cos(angle)) for angle in angles]
     free = (tips[0][0], _Y - 0.06, tips[0][2])
-    return Skill(
-        moves=push((free, *tips), orientation, speed=0.07),
-        ik_seed=_AT_KNOBS,
-        retreat=(0.0, -0.04, 0.0),
-    )
+    return Skill(moves=push((free, *tips), orientation, speed=0.07), ik_seed=_AT_KNOBS, retreat=(0.0, -0.04, 0.0))
 
 
 def _push_left_door(orientation: HandOrientation, free: Vector = (-0.56, 0.42, 2.40)) -> Skill:
-    """Skill that pushes the left door, which stands ajar, wide open from behind its edge.
-
-    The finger tips are at `free` before they move behind the door [m].
-    """
+    """Skill that pushes the left door, which stands ajar, wide open from behind; the tips begin at `free` [m]."""
     height = 2.44
     behind = ((-0.60, 0.55, height), (-0.68, 0.51, height), (-0.77, 0.45, height), (-0.85, 0.37, height))
-    return Skill(
-        moves=push((free, *behind), orientation, speed=0.3),
-        ik_seed=_AT_LEFT_DOOR,
-        retreat=(0.1, -0.1, 0.0),
-    )
+    return Skill(moves=push((free, *behind), orientation, speed=0.3), ik_seed=_AT_LEFT_DOOR, retreat=(0.1, -0.1, 0.0))
 
 
 def _open_left_door(orientation: HandOrientation, behind: HandOrientation) -> Skill:
@@ -249,11 +224,7 @@ def _close_left_door(orientation: HandOrientation) -> Skill:
         *((-0.72, 0.47, height), (-0.72, 0.36, below), (-0.83, 0.37, below), (-0.835, 0.40, height)),
         *((-0.78, 0.48, height), (-0.72, 0.56, height), (-0.69, 0.63, height), (-0.68, 0.66, height)),
     )
-    return Skill(
-        moves=push(tips, orientation, speed=0.2),
-        ik_seed=_AT_LEFT_DOOR,
-        retreat=(0.05, -0.10, 0.0),
-    )
+    return Skill(moves=push(tips, orientation, speed=0.2), ik_seed=_AT_LEFT_DOOR, retreat=(0.05, -0.10, 0.0))
 
 
 def _push_switch(tips: Vector, orientation: HandOrientation) -> Skill:
@@ -269,10 +240,8 @@ def _push_switch(tips: Vector, orientation: HandOrientation) -> Skill:
 def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -> dict[str, Skill]:
     """Builds the skills by task, in an order with short motions, in which open doors are in no other task's way.
 
-    Args:
-      orientations: of the hand, by task.
-      knob_angle: target angle of knobs that are turned on [rad]. They are damped and lag behind the hand, so it is
-        beyond the goal.
+    Orientations are those of the hand by task. Knobs that are turned on are damped and lag behind the hand, so that
+    their target angle is beyond the goal [rad].
     """
     return {
         "close microwave": _MICROWAVE.shut(-0.75, orientations["close microwave"], _AT_MICROWAVE),
@@ -411,26 +380,11 @@ KETTLE_SKILLS = tuple(
 # The kettle is on one of the right burners if its x is beyond this, and on the far one if its y is too [m].
 _RIGHT_BURNERS, _FAR_BURNER = -0.05, 0.57
 
-
-def kettle_skill(skill: Skill, position: Array) -> Skill:
-    """Returns the skill for a kettle at a position `(3,)` [m]: `skill` on the left, another one on a right burner."""
-    return KETTLE_SKILLS[int(position[1] > _FAR_BURNER)] if position[0] > _RIGHT_BURNERS else skill
-
-
 # Angle from which the right door of the hinge cabinet is in the way of the hand [rad].
 _IN_THE_WAY = 0.2
 
 # A place of the hand to the right of that door and below it [m].
 _BESIDE_DOOR = (0.0, 0.40, 2.33)
-
-
-def slide_skill(skill: Skill, door: float) -> Skill:
-    """Returns the skill for the slide cabinet; it goes round the hinge cabinet's right door if that is open [rad]."""
-    if door < _IN_THE_WAY:
-        return skill
-    first = next(move for move in skill.moves if isinstance(move, Move))
-    return dataclasses.replace(skill, moves=(dataclasses.replace(first, position=_BESIDE_DOOR), *skill.moves))
-
 
 # Angle beyond which the left door, which the strict goal of `hinge cabinet` has closed, is pushed shut at first [rad].
 _NOT_SHUT = -0.04
@@ -444,20 +398,23 @@ _SHUT_LEFT_DOOR = Skill(
     retreat=(0.05, -0.10, 0.0),
 )
 
-
-def hinge_skill(skill: Skill, left_door: float) -> Skill:
-    """Returns the skill for strict success of the hinge cabinet, whose left door stands at an angle [rad].
-
-    It is `skill`, which opens the right door, if the left one is closed, and otherwise one that closes that.
-    """
-    return _SHUT_LEFT_DOOR if left_door < _NOT_SHUT else skill
-
-
 # Angle from which the left door is pushed and no longer pulled open [rad].
 _AJAR = -0.35
 _AJAR_SKILL = _push_left_door(HandOrientation(approach=direction(-35, 35), spread=DOWN), (-0.52, 0.40, 2.38))
 
 
-def left_door_skill(skill: Skill, door: float) -> Skill:
-    """Returns the skill that opens the left door at an angle [rad]: `skill` unless the door stands ajar."""
-    return _AJAR_SKILL if door < _AJAR else skill
+def adapted(
+    skill: Skill, task: str, kettle: Array, left_door: float, right_door: float, *, shuts_left_door: bool
+) -> Skill:
+    """Returns the skill of a task, or another one where kettle `(3,)` [m] and doors [rad] stand elsewhere.
+
+    `shuts_left_door` says whether `hinge cabinet` begins with the left door, where that is open.
+    """
+    if task == "kettle" and kettle[0] > _RIGHT_BURNERS:
+        return KETTLE_SKILLS[int(kettle[1] > _FAR_BURNER)]
+    if task == "slide cabinet" and right_door >= _IN_THE_WAY:
+        first = next(move for move in skill.moves if isinstance(move, Move))
+        return dataclasses.replace(skill, moves=(dataclasses.replace(first, position=_BESIDE_DOOR), *skill.moves))
+    if task == "hinge cabinet" and shuts_left_door and left_door < _NOT_SHUT:
+        return _SHUT_LEFT_DOOR
+    return _AJAR_SKILL if task == "left hinge cabinet" and left_door < _AJAR else skill

@@ -72,7 +72,7 @@ _BESIDE, _ALONG = 0.05, BAR_RADIUS + 0.02
 # Distances of the site from a bar: far, near, at the grasp [m].
 _DISTANCES = (0.15, 0.08, 0.015)
 
-# Pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the kitchen's skills [rad], that are tried,
+# Pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the kitchen's skills [rad] that are tried,
 # the usual ones first.
 _PITCHES = tuple(np.radians([-10.0, 15.0, -35.0, 40.0, -60.0]).tolist())
 _YAWS = tuple(np.radians([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
@@ -198,7 +198,7 @@ class PartExpert(Expert):
             return trajectory
         self._present = target = min(pending, key=lambda each: self._failures.get(each, 0))
         opening = float(openings[self._targets.index(target)])
-        motions = self._kitchen.motions(target, round(opening, 1), self._encoder.turns_hand, self._limits)
+        motions = self._kitchen.motions(target, round(opening, 1), self.encoder.turns_hand, self._limits)
         motion = motions[self._failures.get(target, 0) % len(motions)]
         self._skill = motion.skill
         count = sum(isinstance(move, Move) and move.in_free_space for move in motion.skill.moves)

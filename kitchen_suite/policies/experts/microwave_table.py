@@ -18,7 +18,7 @@ from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, p
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.microwave_table.mdp import OPEN_ANGLE, PARTS, SIZE
-from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES, GOAL, MicrowaveTableTask
+from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES, GOAL
 
 # The hand at the grasp: that of the start, turned about its axis by a quarter, which moves the last joint alone.
 _GRASP = HandOrientation(approach=(0.866, 0.0, -0.5), spread=(0.0, 1.0, 0.0))
@@ -69,10 +69,6 @@ class MicrowaveExpert(Expert):
         mode = make_mode(control_mode, CONTROL_MODES, control_options)
         super().__init__(style, make_encoder(mode, panda_model(MicrowaveTableArena)))
 
-    @classmethod
-    def _task_settings(cls, task: MicrowaveTableTask) -> dict[str, Any]:
-        return {}
-
     def robot_positions(self, observation: Array) -> Array:
         return observation[PARTS["joint_positions"]]
 
@@ -82,7 +78,7 @@ class MicrowaveExpert(Expert):
         handle = hand.translation() + offset
         if self._trajectory is None:
             self._start = door, handle
-            self._orientation = _GRASP if self._encoder.turns_hand else HandOrientation.from_rotation(hand.rotation())
+            self._orientation = _GRASP if self.encoder.turns_hand else HandOrientation.from_rotation(hand.rotation())
             return JointTrajectory.stationary(joints, OPEN).then(self._plan_grasp(handle), self._limits)
         if self._current_fingers == CLOSED and np.linalg.norm(offset[:2]) > _SLIP:
             retreat = plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=OPEN)
@@ -95,12 +91,8 @@ class MicrowaveExpert(Expert):
         """Plans the way of the hand to the handle at a position `(3,)` [m], and the closing of its fingers."""
         place = _vector(self._place(handle, -_BESIDE))
         moves = grasp(place, self._orientation, _DISTANCES, settle_steps=_CLOSING_STEPS, speed=_APPROACH_SPEED)
-        self._skill = Skill(
-            moves=moves,
-            ik_seed=tuple(DEFAULT_POSE[:7].tolist()),
-            retreat=_RETREAT,
-            release_steps=_OPENING_STEPS,
-        )
+        seed = tuple(DEFAULT_POSE[:7].tolist())
+        self._skill = Skill(moves=moves, ik_seed=seed, retreat=_RETREAT, release_steps=_OPENING_STEPS)
         return plan(self._kinematics, self._limits, self._skill, offsets=self._draw_offsets(1))
 
     def _plan_swing(self, joints: Array, door: float, handle: Array) -> JointTrajectory:
@@ -119,7 +111,7 @@ class MicrowaveExpert(Expert):
 
     def _place(self, handle: Array, left: float) -> Array:
         """Position `(3,)` of the hand's site at the handle; where the hand cannot turn, `left` [m] beside it."""
-        if self._encoder.turns_hand:
+        if self.encoder.turns_hand:
             return handle
         approach = np.array(self._orientation.approach)
         return handle + left * np.cross(UP, approach) + _AHEAD * approach + _ABOVE * np.array(UP)

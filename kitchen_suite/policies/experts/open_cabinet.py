@@ -1,7 +1,6 @@
 """The cabinet's expert, which approaches a drawer's handle, grasps it and pulls."""
 
 import dataclasses
-import enum
 import functools
 import math
 from collections.abc import Callable
@@ -26,10 +25,6 @@ from kitchen_suite.tasks.open_cabinet.observation import SIZE, SLICES
 from kitchen_suite.tasks.open_cabinet.reward import SUCCESS_OPENING
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
 
-_GAINS = np.array([link.actuator.gain for link in PANDA.links])
-
-# Greatest speed of every joint [rad / control step]: 1.2 rad/s; the task ends an episode at 5.
-_JOINT_SPEED = (0.012,) * 7
 # Speeds of the hand towards the handle and while pulling [m/s]; at higher speeds the lower handle slips out.
 _APPROACH_SPEED, _PULL_SPEED = 0.18, 0.2
 # Control steps to close the fingers on the handle, and to open them.
@@ -47,14 +42,6 @@ _SETTLE_STEPS = 40
 
 # Distance between hand and handle beyond which the grasp has failed [m]: half a pad is 0.01; noise may add as much.
 _SLIP = 0.04
-
-
-class _Phase(enum.Enum):
-    """Phase of the motion."""
-
-    START = enum.auto()  # Before the first observation.
-    APPROACH = enum.auto()  # The hand moves to the standoff, and the handle's pose is observed.
-    PULL = enum.auto()  # The hand grasps the handle and pulls.
 
 
 def _pull_skill(drawer: str) -> Skill:
@@ -111,32 +98,25 @@ class DrawerExpert(Expert):
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
-        self._phase = _Phase.START
-        self._handle_poses: list[Array] = []
+        # Otherwise the hand approaches the standoff, and the handle's pose is observed.
+        self._is_pulling = False
 
     def robot_positions(self, observation: Array) -> Array:
         fraction = (observation[SLICES["joint_positions"]] + 1.0) / 2.0
         return JOINT_LOW + fraction * (JOINT_HIGH - JOINT_LOW)
 
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
-        match self._phase:
-            case _Phase.START:
-                return self._start(observation, joints)
-            case _Phase.APPROACH:
-                return self._continue_approach(observation, joints)
-            case _Phase.PULL:
-                return self._continue_pull(observation, joints)
-
-    def _start(self, observation: Array, joints: Array) -> JointTrajectory:
-        self._initial_rotation = self._kinematics.forward(joints).rotation()
-        return JointTrajectory.stationary(joints, OPEN).then(self._plan_approach(observation, joints), self._limits)
+        if self._trajectory is None:
+            self._initial_rotation = self._kinematics.forward(joints).rotation()
+            return JointTrajectory.stationary(joints, OPEN).then(self._plan_approach(observation, joints), self._limits)
+        return (self._continue_pull if self._is_pulling else self._continue_approach)(observation, joints)
 
     def _continue_approach(self, observation: Array, joints: Array) -> JointTrajectory | None:
         """Observes the handle; returns the trajectory that grasps and pulls when the approach has ended."""
         self._handle_poses.append(self._handle_pose(observation, joints).wxyz_xyz)
         if not self._has_ended(0) or _is_open(observation):
             return None
-        self._phase = _Phase.PULL
+        self._is_pulling = True
         mean = np.mean(self._handle_poses, axis=0)
         handle = mink.SE3.from_rotation_and_translation(mink.SO3(wxyz=mean[:4]).normalize(), mean[4:])
         pull = plan(self._kinematics, self._limits, self._skill_at(handle), frame=handle)
@@ -144,26 +124,25 @@ class DrawerExpert(Expert):
 
     def _continue_pull(self, observation: Array, joints: Array) -> JointTrajectory | None:
         """Returns a retreat and a new approach if the pull has failed."""
-        if not self._has_ended(_SETTLE_STEPS) and not self._has_slipped(observation):
-            return None
-        if _is_open(observation):
+        # Whether the handle is no longer between the closed fingers.
+        has_slipped = self._current_fingers == CLOSED and np.linalg.norm(observation[SLICES["handle_offset"]]) > _SLIP
+        if not (has_slipped or self._has_ended(_SETTLE_STEPS)) or _is_open(observation):
             return None
         approach = self._plan_approach(observation, joints)
         retreat = plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=CLOSED)
         return retreat.then(approach, self._limits)
 
     def _plan_approach(self, observation: Array, joints: Array) -> JointTrajectory:
-        """Enters the approach phase; returns the trajectory to the standoff before the handle."""
-        self._phase = _Phase.APPROACH
+        """Begins an approach; returns the trajectory to the standoff before the handle."""
         handle = self._handle_pose(observation, joints)
-        self._handle_poses = [handle.wxyz_xyz]
+        self._is_pulling, self._handle_poses = False, [handle.wxyz_xyz]
         skill = self._skill_at(handle)
         approach = dataclasses.replace(skill, moves=skill.moves[:1])
         return plan(self._kinematics, self._limits, approach, frame=handle, offsets=self._draw_offsets(1))
 
     def _skill_at(self, handle: mink.SE3) -> Skill:
         """The skill for a handle's pose in the world."""
-        if self._encoder.turns_hand:
+        if self.encoder.turns_hand:
             return self._skill
         rotation = handle.rotation().inverse() @ self._initial_rotation
         return self._skill.with_orientation(HandOrientation.from_rotation(rotation))
@@ -172,14 +151,8 @@ class DrawerExpert(Expert):
         """Pose of the handle in the world, from its observed offset from the hand."""
         hand = self._kinematics.forward(joints)
         rotation = _handle_rotation(observation[SLICES["handle_orientation_offset"]], hand.rotation())
-        return mink.SE3.from_rotation_and_translation(
-            rotation, hand.translation() + observation[SLICES["handle_offset"]]
-        )
-
-    def _has_slipped(self, observation: Array) -> bool:
-        """Whether the handle is no longer between the closed fingers."""
-        distance = float(np.linalg.norm(observation[SLICES["handle_offset"]]))
-        return self._current_fingers == CLOSED and distance > _SLIP
+        position = hand.translation() + observation[SLICES["handle_offset"]]
+        return mink.SE3.from_rotation_and_translation(rotation, position)
 
 
 @functools.cache
@@ -187,16 +160,16 @@ def panda_model(build_arena: Callable[..., SiteArena]) -> ArmModel:
     """The Panda in an arena, with control steps of 0.01 s; shared by all instances."""
     return ArmModel(
         kinematics=ArmKinematics(build_arena, PANDA),
-        gains=_GAINS,
+        gains=np.array([link.actuator.gain for link in PANDA.links]),
         joint_response=1.0,
         hand_response=1.0,
-        joint_speed=_JOINT_SPEED,
+        # 1.2 rad/s; the cabinet's task ends an episode at 5.
+        joint_speed=(0.012,) * 7,
         timestep=CONTROL_TIMESTEP,
     )
 
 
 def _is_open(observation: Array) -> bool:
-    """Whether the drawer is observed to be open far enough."""
     return bool(observation[SLICES["drawer_position"]][0] >= _ENOUGH)
 
 

@@ -158,12 +158,10 @@ class Skill:
 
     def with_orientation(self, orientation: HandOrientation) -> Self:
         """This skill with the same orientation of the hand in all moves."""
-        moves = (
-            dataclasses.replace(move, orientation=orientation)
-            if isinstance(move, Move)
-            else dataclasses.replace(move, hand_rotation_ratio=0.0)
-            for move in self.moves
-        )
+        moves: list[Move | ArcMove] = []
+        for move in self.moves:
+            changes = {"orientation": orientation} if isinstance(move, Move) else {"hand_rotation_ratio": 0.0}
+            moves.append(dataclasses.replace(move, **changes))
         return dataclasses.replace(self, moves=tuple(moves))
 
     def turned(self, angle: float) -> Self:

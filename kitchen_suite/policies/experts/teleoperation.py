@@ -44,10 +44,6 @@ class Teleoperation(Expert):
         """Returns the teleoperation of a task; layouts may vary, whatever is observed."""
         return cls(expert_class(task).unchecked(task, **options))
 
-    @classmethod
-    def _task_settings(cls, task: Any) -> dict[str, Any]:
-        return {}
-
     def without_goals(self, flat: NDArray) -> NDArray:
         return self._expert.without_goals(flat)
 
@@ -87,14 +83,13 @@ class Teleoperation(Expert):
             raise ValueError(f"orientation must not be zero, got {checks.shown(orientation)}")
         rotation = mink.SO3(turn / np.linalg.norm(turn))
         self._command = mink.SE3.from_rotation_and_translation(rotation, place)
-        self._take_command()
+        self._is_new, self.is_idle = True, False
 
     def nudge(self, offset: ArrayLike, turn: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """Displaces the commanded pose, in the frame of the robot's base: x forward, y to the left, z up.
+        """Displaces the commanded pose by an offset `(3,)` [m] and a rotation vector `(3,)` [rad].
 
-        Args:
-          offset: `(3,)` [m]. The command stays within 0.15 m of the hand.
-          turn: `(3,)`, rotation vector [rad].
+        They are in the frame of the robot's base: x forward, y to the left, z up. The command stays within 0.15 m of
+        the hand.
         """
         present, base = self._hand if self._command is None else self._command, self._kinematics.base.rotation()
         rotation = mink.SO3.exp(base.apply(checks.vector(turn, 3, "turn"))) @ present.rotation()
@@ -105,17 +100,13 @@ class Teleoperation(Expert):
 
     def grasp(self, close: bool) -> None:
         """Closes the fingers, or opens them."""
-        self.is_closed = close
-        self._take_command()
+        self.is_closed, self._is_new, self.is_idle = close, True, False
 
     def observe(self, observation: ArrayLike) -> None:
         """Takes the pose of the hand from an observation, to which nudges are relative."""
         checked = checks.vector(observation, self.observation_size, "observation")
         positions = self.robot_positions(checked)
         self._hand, self.fingers = self._kinematics.forward(positions[:7]), positions[7:]
-
-    def _take_command(self) -> None:
-        self._is_new, self.is_idle = True, False
 
     def robot_positions(self, observation: Array) -> Array:
         return self._expert.robot_positions(observation)

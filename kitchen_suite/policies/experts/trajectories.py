@@ -1,6 +1,7 @@
 """Plans joint trajectories for skills, timed by the speeds that the arm's actuators can follow."""
 
 import dataclasses
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import Self
 
@@ -12,15 +13,13 @@ from kitchen_suite.policies.experts.skills import OPEN, UNLIMITED, ArcMove, Arra
 
 # Spacing of the poses on straight lines [m] and arcs [rad] for which inverse kinematics is solved. Between them the
 # joints are interpolated linearly, which keeps the site within a millimetre of the line.
-_LINE_SPACING = 0.02
-_ARC_SPACING = 0.06
+_LINE_SPACING, _ARC_SPACING = 0.02, 0.06
 
 # Distance of the hand from a planned pose beyond which the pose is out of reach [m].
 OUT_OF_REACH = 0.01
 
 # Least time between two knots [control steps], so that no two have the same time.
 _MIN_KNOT_INTERVAL = 1e-3
-
 
 # Spacing of the joint positions between which the hand's motion is measured [rad].
 _JOINT_SPACING = 0.1
@@ -62,16 +61,13 @@ class HandSpeedLimits(JointSpeedLimits):
     angular_speed: float
 
     def steps_between(self, start: Array, end: Array) -> float:
-        count = max(1, int(np.ceil(np.max(np.abs(end - start)) / _JOINT_SPACING)))
+        count, slowest = max(1, int(np.ceil(np.max(np.abs(end - start)) / _JOINT_SPACING))), 0.0
         poses = [self.kinematics.forward(start + i / count * (end - start)) for i in range(count + 1)]
-        slowest = max(map(self._hand_steps, poses, poses[1:]))
+        for here, there in itertools.pairwise(poses):
+            distance = float(np.linalg.norm(there.translation() - here.translation()))
+            angle = float(np.linalg.norm((here.rotation().inverse() @ there.rotation()).log()))
+            slowest = max(slowest, self.steps(distance, self.linear_speed), self.steps(angle, self.angular_speed))
         return max(super().steps_between(start, end), count * slowest)
-
-    def _hand_steps(self, start: mink.SE3, end: mink.SE3) -> float:
-        """Least time from one pose of the hand to another [control steps]."""
-        distance = float(np.linalg.norm(end.translation() - start.translation()))
-        angle = float(np.linalg.norm((start.rotation().inverse() @ end.rotation()).log()))
-        return max(self.steps(distance, self.linear_speed), self.steps(angle, self.angular_speed))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -101,6 +97,11 @@ class JointTrajectory:
     def duration(self) -> float:
         """Time of the last knot [control steps]."""
         return float(self.times[-1])
+
+    @property
+    def is_reachable(self) -> bool:
+        """Whether the hand can reach all poses of straight lines."""
+        return self.position_error <= OUT_OF_REACH
 
     def at(self, time: float) -> tuple[Array, float]:
         """Joint positions `(7,)` [rad] and opening of each finger [m] at a time [control steps]."""
@@ -141,28 +142,22 @@ def plan(
       object_position: present position of the skill's object joint [rad, m]; None if it has none.
       offsets: displacements of the poses in free space, in order [m]; zero for those beyond the last.
     """
-    skill_frame = frame
-    frame = frame or mink.SE3.identity()
-    if skill.object_joint is not None and object_position is not None:
-        frame = frame @ skill.object_joint.displacement(object_position)
+    moved, joint = frame or mink.SE3.identity(), skill.object_joint
+    if joint is not None and object_position is not None:
+        moved = moved @ joint.displacement(object_position)
     builder, offsets = _TrajectoryBuilder(kinematics, limits, np.array(skill.ik_seed)), iter(offsets)
     for move in skill.moves:
         if isinstance(move, Move):
             offset = next(offsets, np.zeros(3)) if move.in_free_space else np.zeros(3)
-            builder.add_line(mink.SE3.from_translation(offset) @ frame @ move.pose, move.fingers, move.speed)
+            builder.add_line(mink.SE3.from_translation(offset) @ moved @ move.pose, move.fingers, move.speed)
             builder.add_pause(move.settle_steps)
-        elif isinstance(skill.object_joint, Revolute) and object_position is not None:
-            builder.add_arc(move, skill.object_joint, float(object_position[0]), skill_frame)
+        elif isinstance(joint, Revolute) and object_position is not None:
+            builder.add_arc(move, joint, float(object_position[0]), frame)
     return builder.trajectory
 
 
 def plan_retreat(
-    kinematics: ArmKinematics,
-    limits: JointSpeedLimits,
-    skill: Skill,
-    *,
-    joints: Array,
-    fingers: float,
+    kinematics: ArmKinematics, limits: JointSpeedLimits, skill: Skill, *, joints: Array, fingers: float
 ) -> JointTrajectory:
     """Plans the hand's retreat after a skill, from joint positions `(7,)` [rad] and an opening of each finger [m]."""
     pose, retreat = kinematics.forward(joints), mink.SE3.from_translation(np.array(skill.retreat))

@@ -1,5 +1,6 @@
 """An expert that completes tasks of the kitchen in a random order, as people do who play with it."""
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -28,11 +29,13 @@ class UndirectedExpert(KitchenExpert):
     A task is left once it is complete, or after one attempt. Data of such episodes are undirected, as those of D4RL's
     `partial` and `mixed`; with tasks that undo others they go on without end, as OGBench's `play`.
 
-    Attributes:
-      is_directed: whether the present episode is one in which it does what is asked for.
+    In some episodes, in which it `is_directed`, it does what is asked for.
     """
 
     is_directed: bool
+
+    # Goals that exclude each other are wanted one after the other.
+    _build_goals = staticmethod(functools.partial(GoalSet.build, GOALS))
 
     def __init__(
         self,
@@ -81,11 +84,6 @@ class UndirectedExpert(KitchenExpert):
             "extra_observables": tuple(task.extra_observables),
         }
 
-    @staticmethod
-    def _collect_goals(tasks: Sequence[str], values: Mapping[str, ArrayLike] | None) -> GoalSet:
-        # Those that exclude each other are wanted one after the other.
-        return GoalSet.build(GOALS, tasks, values)
-
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
         self._chosen: tuple[str, ...] = ()
@@ -101,13 +99,10 @@ class UndirectedExpert(KitchenExpert):
 
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
         distances = self._relative_distances(observation)
-        if self._is_over(distances):
+        # Whether the task under way is complete, has been attempted, or is none.
+        if not self._remaining or distances[self._remaining[0]] < self._done or self._has_failed:
             self._chosen = self._choose(distances)
         return super()._next_trajectory(observation, joints)
-
-    def _is_over(self, distances: Mapping[str, float]) -> bool:
-        """Whether the task under way is complete, has been attempted, or is none."""
-        return not self._remaining or distances[self._remaining[0]] < self._done or self._has_failed
 
     def _choose(self, distances: Mapping[str, float]) -> tuple[str, ...]:
         """Draws the next task; none where all are complete."""

@@ -210,29 +210,22 @@ class Tokens(Method):
         self.network = TorchNetwork(inputs, size, width=config.width, blocks=config.blocks)
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
-        return self._coding_loss(chunks) if step < self._config.quantizer_steps else self._loss(inputs, chunks)
-
-    def _coding_loss(self, chunks: torch.Tensor) -> torch.Tensor:
-        self.quantizer.train()
-        latent, _, commitment = self.quantizer(self.encoder(chunks))
-        return torch.nn.functional.l1_loss(self.decoder(latent), chunks) + commitment.sum()
-
-    def _loss(self, inputs: torch.Tensor, chunks: torch.Tensor) -> torch.Tensor:
         config = self._config
+        if step < config.quantizer_steps:
+            self.quantizer.train()
+            latent, _, commitment = self.quantizer(self.encoder(chunks))
+            return torch.nn.functional.l1_loss(self.decoder(latent), chunks) + commitment.sum()
         with torch.no_grad():
             self.quantizer.eval()
             latent, codes, _ = self.quantizer(self.encoder(chunks))
             decoded = self.decoder(latent)
-        logits, offsets = self.network(inputs).split([config.codebooks * config.codes, self._offset_size], dim=1)
+        count = config.codebooks * config.codes
+        logits, offsets = self.network(inputs).split([count, count * self._outputs], dim=1)
         logits = logits.reshape(-1, config.codebooks, config.codes)
         likelihood = torch.nn.functional.cross_entropy(logits.flatten(0, 1), codes.flatten())
         offsets = offsets.reshape(-1, config.codebooks, config.codes, self._outputs)
         chosen = offsets.gather(2, codes[..., None, None].expand(-1, -1, 1, self._outputs)).sum(dim=(1, 2))
         return likelihood + config.offset_scale * torch.nn.functional.l1_loss(decoded + chosen, chunks)
-
-    @property
-    def _offset_size(self) -> int:
-        return self._config.codebooks * self._config.codes * self._outputs
 
     def tables(self) -> dict[str, NDArray[np.float32]]:
         return {"codebooks": self.quantizer.codebooks.detach().clone().numpy()}

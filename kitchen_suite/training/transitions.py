@@ -1,9 +1,9 @@
 """Recorded control steps with what came before and after them, and the batches that are drawn of them."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -13,8 +13,8 @@ from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.episode import unflatten
 from kitchen_suite.rollouts.spec import EnvironmentSpec
+from kitchen_suite.training.demonstrations import check_same, finite, open_recording, with_counts
 from kitchen_suite.training.hyperparameters import OfflineHyperparameters
-from kitchen_suite.training.imitation.demonstrations import check_same, finite, open_recording, with_counts
 
 # Euclidean distance from a goal, in the elements of the state that it has, at which it is reached [rad, m]: that of the
 # protocol `goal-reaching`.
@@ -55,64 +55,50 @@ def load_transitions(
 ) -> Transitions:
     """Reads all episodes of recordings of `kitchen-record`, or the first ones of each.
 
-    Args:
-      folders: of the recordings.
-      spec: of the environments that the policy is evaluated in.
-      tasks: names of the tasks whose request the policy observes.
-      counts: number of episodes of each recording, or one number for all; empty for all episodes.
-      with_rewards: whether the recorded rewards have to be those of that task.
+    Arguments are those of `load_demonstrations`, and whether the recorded rewards have to be those of the task.
 
     Raises:
       OSError: there is no recording, or one of its episodes cannot be read.
       ValueError: it is of another domain or task, or with other arguments that state, actions or rewards depend on, or
         holds fewer episodes, or numbers that are not finite.
     """
-    parts = [
-        _load(folder, spec, tasks, count, with_rewards=with_rewards) for folder, count in with_counts(folders, counts)
-    ]
-    starts = np.cumsum([0, *(len(part.inputs) for part in parts[:-1])])
-    moved = [
-        part._replace(rows=part.rows + start, last=part.last + start) for part, start in zip(parts, starts, strict=True)
-    ]
-    return Transitions(*map(np.concatenate, zip(*moved, strict=True)))
+    parts, rows = [], 0
+    for folder, count in with_counts(folders, counts):
+        for part in _load(folder, spec, tasks, count, with_rewards=with_rewards):
+            parts.append(part._replace(rows=part.rows + rows, last=part.last + rows))
+            rows += len(part.inputs)
+    return Transitions(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _load(
     folder: Path, spec: EnvironmentSpec, tasks: Sequence[str], count: int | None, *, with_rewards: bool
-) -> Transitions:
-    options = suite.find_domain(spec.domain_name).control_options
-    recording = open_recording(folder, spec, options)
+) -> Iterator[Transitions]:
+    """Yields the transitions of each episode of a recording, with its rows counted from 0."""
+    recording = open_recording(folder, spec, suite.find_domain(spec.domain_name).control_options)
     if with_rewards:
-        check_same(folder, recording.spec, spec, _arguments_of_rewards(recording.spec, spec))
+        # All arguments but those on which no reward depends.
+        specs = (recording.spec, spec)
+        arguments = {name for each in specs for name in suite.task_arguments(each.domain_name, each.task_name)}
+        arguments |= {name for each in specs for name in each.task_kwargs}
+        check_same(folder, recording.spec, spec, sorted(arguments - _FREE))
     if recording.spec.origin is not None:
         raise ValueError(f"{folder} was made by kitchen-convert: --algorithm=bc, flow or vqbet learns from it")
     if not recording.indices or len(recording.indices) < (count or 1):
         raise ValueError(f"{folder} holds {len(recording.indices)} episodes, not {count or 'one or more'}")
     with recording.spec.make_environment() as environment:
         recorded = suite_env(environment).composer_task.policy_inputs
-    rows, parts = 0, []
     for index in recording.indices[:count]:
         arrays = recording.load(index).arrays
         steps = len(arrays["reward"])
         observed = recorded.state_and_requests(unflatten(arrays, "observation"), tasks)
-        parts.append(
-            Transitions(
-                inputs=finite(observed, folder),
-                actions=finite(arrays["action"], folder),
-                rows=rows + np.arange(steps),
-                last=np.full(steps, rows + steps),
-                rewards=finite(arrays["reward"], folder),
-                terminations=arrays["termination"],
-            )
+        yield Transitions(
+            inputs=finite(observed, folder),
+            actions=finite(arrays["action"], folder),
+            rows=np.arange(steps),
+            last=np.full(steps, steps),
+            rewards=finite(arrays["reward"], folder),
+            terminations=arrays["termination"],
         )
-        rows += steps + 1
-    return Transitions(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def _arguments_of_rewards(*specs: EnvironmentSpec) -> list[str]:
-    """Returns the names of all arguments of some environments, but those on which no reward depends."""
-    tasks = {name for spec in specs for name in suite.task_arguments(spec.domain_name, spec.task_name)}
-    return sorted((tasks | {name for spec in specs for name in spec.task_kwargs}) - _FREE)
 
 
 class Batch(NamedTuple):
@@ -191,20 +177,12 @@ class GoalSampler(Sampler):
     drawn from a geometric distribution with the discount factor, so that near ones are the more frequent.
     """
 
-    def __init__(
-        self,
-        transitions: Transitions,
-        inputs: NDArray[np.float32],
-        actions: NDArray[np.float32],
-        config: OfflineHyperparameters,
-        *,
-        elements: Sequence[int],
-    ) -> None:
+    def __init__(self, *recorded: Any, elements: Sequence[int]) -> None:
         """Takes what `Sampler` does; `elements` are those of the state in a goal."""
-        super().__init__(transitions, inputs, actions, config)
-        if not 0.0 < config.discount < 1.0:
-            raise ValueError(f"goals need a discount between 0 and 1, got {config.discount}")
-        self._goals, self._places = self._inputs[:, [*elements]], transitions.inputs[:, [*elements]]
+        super().__init__(*recorded)
+        if not 0.0 < self._config.discount < 1.0:
+            raise ValueError(f"goals need a discount between 0 and 1, got {self._config.discount}")
+        self._goals, self._places = self._inputs[:, [*elements]], self._transitions.inputs[:, [*elements]]
 
     def draw(self) -> tuple[Batch, Batch]:
         steps = self._draw_steps()

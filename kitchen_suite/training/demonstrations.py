@@ -86,13 +86,9 @@ def with_counts(folders: Sequence[Path], counts: Sequence[int]) -> list[tuple[Pa
 def load_recording(
     folder: Path, spec: EnvironmentSpec, tasks: Sequence[str], count: int | None = None
 ) -> Demonstrations:
-    """Reads the successful episodes that `kitchen-record` has written to a folder.
+    """Reads the successful episodes that `kitchen-record` has written to a folder; arguments as `load_demonstrations`.
 
-    Args:
-      folder: of the recording.
-      spec: of the environments that the policy is evaluated in.
-      tasks: names of the tasks whose request the policy observes; none where it does not.
-      count: number of these episodes, the first ones; all when omitted.
+    Of `count` episodes they are the first ones.
 
     Raises:
       OSError: there is no recording, or one of its episodes cannot be read.
@@ -123,9 +119,13 @@ def load_recording(
         # Of the state they have the robot's part alone.
         policy_inputs = dataclasses.replace(policy_inputs, state_size=len(robot))
     inputs = np.concatenate([policy_inputs.state_and_requests(each, tasks)[:-1] for each in observations])
-    elements = None if recording.spec.origin is None else _recorded_elements(inputs, task.policy_inputs.state_size)
-    if elements is not None:
-        inputs = inputs[:, [*elements, *range(task.policy_inputs.state_size, inputs.shape[1])]]
+    elements: tuple[int, ...] | None = None
+    size = task.policy_inputs.state_size
+    recorded = np.isfinite(inputs[:, :size]).all(axis=0)
+    if recording.spec.origin is not None and not recorded.all():
+        # Another program has recorded some elements of the state alone.
+        elements = tuple(np.flatnonzero(recorded).tolist())
+        inputs = inputs[:, [*elements, *range(size, inputs.shape[1])]]
     return Demonstrations(
         inputs=finite(inputs[chosen], folder),
         actions=finite(np.concatenate([arrays["action"] for arrays in episodes])[chosen], folder),
@@ -140,12 +140,10 @@ def _pictures(
 ) -> dict[str, NDArray[np.uint8]]:
     """Returns the pictures `(m, h, w, 3)` of each camera in the chosen steps of episodes."""
     found = {}
-    for picture in task.pictures.pictures:
-        if picture.kind == "pixels":
-            arrays = (each["pixels"] for each in observations)
-            key = picture_key(picture.camera)
-            taken = [each[key] if isinstance(each, Mapping) else each for each in arrays]
-            found[picture.camera] = np.concatenate([each[:-1] for each in taken])[chosen]
+    for camera in (picture.camera for picture in task.pictures.pictures if picture.kind == "pixels"):
+        arrays = (each["pixels"] for each in observations)
+        taken = (each[picture_key(camera)] if isinstance(each, Mapping) else each for each in arrays)
+        found[camera] = np.concatenate([each[:-1] for each in taken])[chosen]
     return found
 
 
@@ -174,25 +172,13 @@ def finite(numbers: NDArray, folder: Path) -> NDArray[np.float32]:
     return numbers
 
 
-def _recorded_elements(inputs: NDArray, size: int) -> tuple[int, ...] | None:
-    """Returns which of the `size` elements of the state another program has recorded; None for all."""
-    recorded = np.isfinite(inputs[:, :size]).all(axis=0)
-    return None if recorded.all() else tuple(np.flatnonzero(recorded).tolist())
-
-
 def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Reads all episodes that `kitchen-record` has written to a folder, for PPO to clone.
+    """Reads all episodes that `kitchen-record` has written to a folder, for PPO to clone; `spec` is to be trained in.
 
-    Args:
-      folder: of the recording.
-      spec: of the environments to be trained in.
-
-    Returns:
-      Flat observations `(m, n)` in the order of a trained policy's, and the actions `(m, k)` taken on them.
+    Returns flat observations `(m, n)` in the order of a trained policy's, and the actions `(m, k)` taken on them.
     """
-    recording = open_recording(
-        folder, spec, (*spec.env_class.goal_options, *suite.find_domain(spec.domain_name).control_options)
-    )
+    options = (*spec.env_class.goal_options, *suite.find_domain(spec.domain_name).control_options)
+    recording = open_recording(folder, spec, options)
     found, expected = _title(recording.spec), _title(spec)
     if found != expected:
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
@@ -210,12 +196,9 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
 
 
 def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[str]) -> RecordingFolder:
-    """Opens a recording whose observations and actions mean the same as in the environments to be trained in.
+    """Opens a recording whose observations and actions mean the same as in the `wanted` environments to be trained in.
 
-    Args:
-      folder: of the recording.
-      wanted: specification of those environments.
-      options: names of the domain's options that have to be equal.
+    The domain's `options`, which are named, have to be equal.
     """
     if not (folder / SPEC_FILE).exists():
         raise FileNotFoundError(f"there is no recording in {folder}: kitchen-record --output={folder} makes one")

@@ -16,8 +16,8 @@ from kitchen_suite.training.hyperparameters import (
     TD3BCHyperparameters,
     ValueHyperparameters,
 )
-from kitchen_suite.training.imitation.methods import Flow, TorchNetwork
-from kitchen_suite.training.offline.transitions import Batch
+from kitchen_suite.training.imitation import Flow, TorchNetwork
+from kitchen_suite.training.transitions import Batch
 
 # Greatest weight of an action in the policy's loss of IQL.
 _MAX_WEIGHT = 100.0
@@ -255,13 +255,6 @@ class GoalIQL(IQL):
 
 
 OFFLINE_METHODS: Mapping[str, type[OfflineMethod]] = MappingProxyType(
-    {
-        "offline_bc": Cloning,
-        "iql": IQL,
-        "idql": IDQL,
-        "td3bc": TD3BC,
-        "gcbc": GoalCloning,
-        "gciql": GoalIQL,
-    }
+    {"offline_bc": Cloning, "iql": IQL, "idql": IDQL, "td3bc": TD3BC, "gcbc": GoalCloning, "gciql": GoalIQL}
 )
 """By the value of `--algorithm`."""

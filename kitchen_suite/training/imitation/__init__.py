@@ -1,1 +1,0 @@
-"""Learning from demonstrations, in chunks of actions: behaviour cloning, flow matching, VQ-BeT."""
