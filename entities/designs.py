@@ -491,10 +491,10 @@ class GeneratedKitchen(Scene):
     parts: tuple[tuple[str, Part], ...]
 
     @property
-    def fixture_parameters(self) -> tuple[Parameter, ...]:
-        """Factors of damping and of dry friction of all drawers, doors and knobs together."""
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of every scene, and factors of damping and of dry friction of all drawers, doors and knobs together."""
         joints = [self.props[name].mjcf_model.find("joint", part.joint) for name, part in self.parts if part.joint]
-        return door_parameters("fixtures", joints)
+        return (*super().parameters, *door_parameters("fixtures", joints))
 
 
 def build_generated_kitchen(

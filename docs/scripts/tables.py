@@ -472,7 +472,9 @@ _PALETTES = {name: each for name, each in vars(appearance).items() if isinstance
 def parameter_rows(domain: str) -> dict[str, tuple[str, ...]]:
     """Returns group, unit, default, seen and held-out values of the parameters that a domain's groups vary, by name."""
     options = {"visuals": False, **_NOISY.get(domain, {})}
-    task = suite.load(domain, suite.default_task(domain), options | {"variations": GROUPS}).task
+    present = {row.group for row in suite.DOMAINS[domain].resolve("task").varied}
+    groups = [group for group in GROUPS if group in present]
+    task = suite.load(domain, suite.default_task(domain), options | {"variations": groups}).task
     own = (*sensing_parameters(task.mdp.noise_parts), *pushes.PARAMETERS)
     units = {each.name: each.unit for each in (*task.scene.parameters, *own)}
     if DONE in task.variations.by_name:

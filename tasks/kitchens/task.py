@@ -218,7 +218,7 @@ class KitchensTask(SuiteTask):
         allowed = certificate_of(scene.design).certified if checks.boolean(certified, "certified") else None
         self.requests = PartRequests(scene, names, tasks_per_episode, allowed)
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
-        self.vary(handles=handles, parameters=scene.fixture_parameters, home=HOME)
+        self.vary(handles=handles, home=HOME)
         parts = {name: observable.Generic(functools.partial(self._part, part)) for name, part in PARTS.items()}
         for part in parts.values():
             part.enabled = True
