@@ -281,7 +281,7 @@ def cabinet_observation_table() -> str:
 
 # What each camera is for; those of the robot are the same in all domains.
 _PURPOSES = {
-    "workspace": "knobs, switch, doors, kettle and burners in small pictures; default of the kitchen",
+    "workspace": "knobs, switch, doors, kettle and burners in small pictures; default of the kitchen and of kitchens",
     "overview": "robot and furniture; default of open_cabinet and microwave_table; the kitchen's is the original's",
     "handle": "close-up of the handles and the gripper",
     "left": "from the left",
@@ -317,7 +317,10 @@ def extra_table() -> str:
     found = collections.defaultdict(list)
     for name in suite.DOMAINS:
         scene = suite.load(name, suite.default_task(name), {"visuals": False}).task.scene
+        fixtures = {each.name for each in scene.design.placed} if isinstance(scene, entities.GeneratedKitchen) else ()
         for key, extra in offered(scene).items():
+            if key.partition("/")[0] in fixtures:
+                continue
             part = "`agent_pos`" if extra.of_robot else "`environment_state`"
             found[part, key, extra.size, extra.content].append(name)
     names = collections.defaultdict(list)
