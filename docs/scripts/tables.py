@@ -199,7 +199,7 @@ _SLOT_CONTENT = {
     "into": "direction into the fixture, which turns with a door",
     "along": "direction along the handle's bar",
     "opening": "0 closed or off, 1 wide open or on, ±0.005",
-    "goal": "opening that is requested, 0 or 1",
+    "goal": "opening that is requested, 0 or 1; 0 for parts that are not",
     "requested": "whether the episode asks for it, 0 or 1",
 }
 

@@ -76,7 +76,7 @@ class PartRequests(ResetRequests):
     Attributes:
       tasks: names of the tasks that episodes may ask for, such as `open drawers_1/drawer_2`.
       order: `(K,)`, place of each requested part in the episode that starts, from 0, and -1 for the others.
-      goal: `(K,)`, opening that is asked for, 0 or 1.
+      goal: `(K,)`, opening that is asked for, 0 or 1; 0 for the others.
     """
 
     options = (REQUESTED,)
@@ -125,7 +125,7 @@ class PartRequests(ResetRequests):
     def draw(self, random_state: np.random.RandomState) -> None:
         order = self._draw.draw(random_state, self._weights)
         opens = np.where(random_state.random_sample(MAX_PARTS) < 0.5, self._directions[1], ~self._directions[0])
-        self.order, self.goal = order, opens.astype(np.float64)
+        self.order, self.goal = order, ((order >= 0) & opens).astype(np.float64)
         if self._next is not None:
             self._request([self._slots[task] for task in self._next])
         self._next = None

@@ -1,6 +1,7 @@
 """The task of generated kitchens: requests, starts, rewards, ends, slots, noise, instructions, saved states."""
 
 import itertools
+import json
 
 import gymnasium
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from helpers.errors import refused
 
 from kitchen_suite import suite
+from kitchen_suite.cli.commands import record, replay, rollout
 from kitchen_suite.entities.designs import MAX_PARTS
 from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.names import FAST
@@ -103,6 +105,8 @@ def test_any_asks_for_every_task_and_sets_for_as_many():
             names = environment.task.requested_tasks
             parts = {name.split()[1] for name in names}
             assert len(names) == len(parts) == count
+            # What is not asked for has no goal.
+            assert not environment.task.state.goal[environment.task.state.order < 0].any()
             assert environment.task.instruction.count(", then ") == count - 1
 
 
@@ -350,3 +354,23 @@ def test_requests_are_recorded_and_asked_for_again():
     start(environment, *options["requested_tasks"])
     assert environment.task.requested_tasks == names
     assert environment.task.requests.recorded({}) == {}
+
+
+def test_the_commands_play_record_and_replay_it(folder, capsys):
+    (folder / "mine.json").write_text(json.dumps(MINE), encoding="utf-8")
+    domain = ["--domain_name=kitchens", "--task_name=any_2", "--max_episode_steps=5", "--variations=start,dynamics"]
+    for design in ('{"design": "mine.json"}', '{"design": 3, "split": "test"}'):
+        arguments = [*domain, f"--task_kwargs={design}"]
+        name = str(len(design))
+        assert rollout.main([*arguments, "--num_episodes=1", f"--output=rolled_{name}"]) == 0
+        assert record.main([*arguments, "--num_episodes=3", f"--output=runs_{name}", "--num_threads=1"]) == 0
+        for output in ("rolled", "runs"):
+            capsys.readouterr()
+            assert replay.main([f"{output}_{name}"]) == 0
+            assert "episodes are equal" in capsys.readouterr().out
+
+
+def test_a_command_refuses_an_impossible_design_in_one_line(folder, refusal):
+    (folder / "mine.json").write_text(json.dumps({**MINE, "style": "blue"}), encoding="utf-8")
+    error = refusal(rollout, "--domain_name=kitchens", '--task_kwargs={"design": "mine.json"}')
+    assert "style 'blue' does not exist" in error
