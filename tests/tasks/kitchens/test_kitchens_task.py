@@ -257,31 +257,39 @@ def test_slots_begin_with_the_requested_parts_in_their_order():
 
 
 def test_the_observation_is_that_of_the_physics():
-    environment = load(**NO_NOISE)
-    timestep = start(environment, "open drawers_1/drawer_1")
-    for action in np.random.default_rng(1).uniform(-1, 1, (5, 9)):
-        timestep = environment.step(action)
-    opened = {k: 0.6 * part.opened for k, (_, part) in enumerate(environment.task.scene.parts) if part.joint}
-    # Without a physics step, so that the joints are where they were put.
+    environment = load("any", **NO_NOISE)
+    start(environment, "open drawers_1/drawer_1")
     scene, physics = environment.task.scene, environment.physics
-    for k, position in opened.items():
-        name, part = scene.parts[k]
-        physics.bind(scene.props[name].mjcf_model.find("joint", part.joint)).qpos = position
+    for action in np.random.default_rng(1).uniform(-1, 1, (5, 9)):
+        environment.step(action)
+    jointed = {k: part for k, (_, part) in enumerate(scene.parts) if part.joint}
+    timestep = move(environment, {k: 0.5 * part.opened for k, part in jointed.items()})
+    # Positions of bodies are those before the last physics step.
     physics.forward()
-    slots = environment.task.mdp.sensors.slots
-    reading = environment.task.mdp.sensors.read(environment.task._simulation)
-    positions, into, along = slots.moved(reading.joints, reading.kettle)
-    for k, (name, part) in enumerate(scene.parts):
+    robot, hand = physics.bind(scene.robot.joints), physics.bind(scene.robot.end_effector)
+    base = np.array([0.0, 0.0, 1.8])
+    expected = {
+        "joint_positions": robot.qpos,
+        "joint_velocities": robot.qvel,
+        "hand_pose": [*(hand.xpos - base), *hand.xmat[[0, 3, 6]], *hand.xmat[[1, 4, 7]]],
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(timestep.observation[name], values, atol=1e-5)
+    assert list(timestep.observation) == list(PARTS)
+    first = DRAWER
+    order = [first, *(k for k in range(len(scene.parts)) if k != first)]
+    for slot, k in zip(slots_of(timestep), order, strict=False):
+        name, part = scene.parts[k]
         site = physics.bind(scene.props[name].mjcf_model.find("site", part.handle))
-        np.testing.assert_allclose(positions[k], site.xpos, atol=1e-9)
+        np.testing.assert_allclose(slot[SLOT_PARTS["position"]], site.xpos - base, atol=1e-5)
+        np.testing.assert_allclose(slot[SLOT_PARTS["offset"]], site.xpos - hand.xpos, atol=1e-5)
+        if k in jointed:
+            joint = physics.bind(scene.props[name].mjcf_model.find("joint", part.joint))
+            np.testing.assert_allclose(slot[SLOT_PARTS["opening"]], joint.qpos / part.opened, atol=1e-5)
         if name.startswith(("drawers", "tall_door")):
             frame = site.xmat.reshape(3, 3)
-            np.testing.assert_allclose(into[k], frame[:, 2], atol=1e-9)
-            np.testing.assert_allclose(np.abs(along[k] @ frame[:, 1]), 1.0, atol=1e-9)
-    robot = physics.bind(scene.robot.joints)
-    np.testing.assert_allclose(reading.positions, robot.qpos)
-    np.testing.assert_allclose(reading.velocities, robot.qvel)
-    assert list(timestep.observation) == list(PARTS)
+            np.testing.assert_allclose(slot[SLOT_PARTS["into"]], frame[:, 2], atol=1e-5)
+            np.testing.assert_allclose(np.abs(slot[SLOT_PARTS["along"]] @ frame[:, 1]), 1.0, atol=1e-5)
 
 
 def test_noise_is_on_joints_handles_and_openings_and_within_its_bounds():
