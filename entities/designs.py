@@ -5,7 +5,7 @@ Every pair of a split and a number is a kitchen. Designs of different splits hav
 
 import dataclasses
 import functools
-import json
+import numbers
 import os
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,8 +16,22 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import checks
-from kitchen_suite.entities.fixtures import HANDLES, KETTLE, KINDS, STYLES, Extent, FixtureDesign, Part
+from kitchen_suite import checks, files
+from kitchen_suite.entities.assets import Vector
+from kitchen_suite.entities.fixtures import (
+    DARK,
+    GAP,
+    HANDLES,
+    KETTLE,
+    KINDS,
+    PANEL,
+    STEEL,
+    STYLES,
+    Extent,
+    FixtureDesign,
+    Part,
+    Style,
+)
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.parameters import Parameter, door_parameters
 from kitchen_suite.entities.props import Kettle, Prop
@@ -228,15 +242,10 @@ def _check_apart(one: Placed, other: Placed) -> None:
 
 def _read(path: Path) -> Any:
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(
-            f"design must be a number, a JSON object or a file with one; cannot read {path}: {error}"
-        ) from None
-    try:
-        return json.loads(text)
-    except ValueError as error:
-        raise ValueError(f"design {path} is not JSON: {error}") from None
+        return files.load_json(path, "a design")
+    except OSError as error:
+        problem = f"design must be a number, a JSON object or a file with one: {error}"
+        raise ValueError(checks.shortened(problem, 500)) from None
 
 
 def _parsed(cls: type[KitchenDesign], value: object) -> KitchenDesign:
@@ -276,18 +285,18 @@ def _parsed_fixture(value: object, path: str, level: str) -> FixtureDesign:
     options = KINDS[kind].options
     needed = [name for name in options if name != "hinge" or given.get("count") != 2]
     fields = _object(value, path, ("kind", *needed), ("gap",))
-    numbers = {
+    sizes = {
         name: _within(fields[name], f"{path}.{name}", options[name]) for name in ("width", "height") if name in options
     }
     if "count" in options:
         count = checks.integer(fields["count"], f"{path}.count", minimum=1, maximum=max(options["count"]))
-        numbers["count"] = count  # type: ignore[assignment]
+        sizes["count"] = count  # type: ignore[assignment]
     words = {
         name: checks.choice(fields[name], options[name], f"{path}.{name}")
         for name in ("handle", "hinge")
         if name in needed
     }
-    return FixtureDesign(kind=kind, gap=_within(fields.get("gap", 0.0), f"{path}.gap", _GAP), **numbers, **words)  # type: ignore[arg-type]
+    return FixtureDesign(kind=kind, gap=_within(fields.get("gap", 0.0), f"{path}.gap", _GAP), **sizes, **words)  # type: ignore[arg-type]
 
 
 def _object(value: object, path: str, needed: Sequence[str], optional: Sequence[str] = ()) -> Mapping[str, Any]:
@@ -308,10 +317,11 @@ def _items(value: object, path: str) -> Sequence[object]:
 
 
 def _within(value: object, path: str, bounds: tuple[float, float]) -> float:
-    number = checks.number(value, path) if bounds[0] >= 0 else float(checks.vector([value], 1, path)[0])  # type: ignore[list-item]
-    if not bounds[0] <= number <= bounds[1]:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise TypeError(f"{path} must be a number, got {checks.shown(value)}")
+    if not bounds[0] <= value <= bounds[1]:
         raise ValueError(f"{path} must be between {bounds[0]:g} and {bounds[1]:g}, got {checks.shown(value)}")
-    return number
+    return float(value)
 
 
 class _Grammar:
@@ -481,10 +491,10 @@ class GeneratedKitchen(Scene):
     parts: tuple[tuple[str, Part], ...]
 
     @property
-    def fixture_parameters(self) -> tuple[Parameter, ...]:
-        """Factors of damping and of dry friction of all drawers, doors and knobs together."""
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of every scene, and factors of damping and of dry friction of all drawers, doors and knobs together."""
         joints = [self.props[name].mjcf_model.find("joint", part.joint) for name, part in self.parts if part.joint]
-        return door_parameters("fixtures", joints)
+        return (*super().parameters, *door_parameters("fixtures", joints))
 
 
 def build_generated_kitchen(
@@ -522,22 +532,68 @@ def build_generated_kitchen(
     if len(parts) > MAX_PARTS:
         raise ValueError(f"rows must have at most {MAX_PARTS} drawers, doors and knobs, got {len(parts)}")
     if visuals:
-        _add_walls(arena, made)
+        _add_surroundings(arena, made)
     scene = GeneratedKitchen(arena=arena, robot=robot, props=MappingProxyType(props), design=made, parts=tuple(parts))
     exclude_base_contacts(arena, robot)
     return scene
 
 
-def _add_walls(arena: GeneratedKitchenArena, design: KitchenDesign) -> None:
-    """Adds a wall behind the fixtures of each side."""
-    for side in {row.side for row in design.rows}:
-        placed = [each.bounds for each in design.placed if each.row.side == side]
-        low, high = np.min([each[0] for each in placed], axis=0), np.max([each[1] for each in placed], axis=0)
-        match side:
-            case "back":
-                corners = (min(low[0], -1.2), high[1]), (max(high[0], 1.2), high[1] + 0.05)
-            case "left":
-                corners = (low[0] - 0.05, low[1] - 0.1), (low[0], high[1] + 0.4)
-            case _:
-                corners = (high[0], low[1] - 0.1), (high[0] + 0.05, high[1] + 0.4)
-        arena.add_wall(f"{side}_wall", (*corners[0], FLOOR), (*corners[1], 3.1))
+# Half the width of the back wall, height of the walls' upper edges, thickness of the walls, height of the tiles [m].
+_WALL_REACH, _WALL_TOP, _WALL, _TILES = 1.4, 3.1, 0.05, 0.5
+
+# Height of plinths, and how far they stand back [m].
+_PLINTH, _RECESS = 0.1, 0.05
+
+# Of the panel behind the knobs of an oven: distance from the oven's front, lower and upper edge above the counter [m].
+_PANEL_FRONT, _PANEL_BOTTOM, _PANEL_TOP = 0.64, 0.57, 0.8
+
+_TILES_COLOR = (0.94, 0.94, 0.93)
+
+
+def _add_surroundings(arena: GeneratedKitchenArena, design: KitchenDesign) -> None:
+    """Adds what only pictures show: walls, tiles, and boxes between the fixtures and the floor or the wall."""
+    style = STYLES[design.style]
+    backs = dict.fromkeys(SIDES, 0.0)
+    for placed in design.placed:
+        depth = KINDS[placed.design.kind].extent(placed.design).high[1]
+        backs[placed.row.side] = max(backs[placed.row.side], placed.row.distance + depth)
+    for placed in design.placed:
+        for name, low, high, color in _fillings(placed, backs[placed.row.side], style):
+            if (np.subtract(high, low) > 1e-3).all():
+                corners = np.sort([placed.in_world(np.array(low)), placed.in_world(np.array(high))], axis=0)
+                arena.add_box(f"{placed.name}_{name}", *corners, rgba=(*color, 1))
+    paint = {"rgba": (*style.wall, 1)}
+    left, right = -max(backs["left"], _WALL_REACH), max(backs["right"], _WALL_REACH)
+    back = backs["back"] or _WALL_REACH
+    arena.add_box("back_wall", (left, back, FLOOR), (right, back + _WALL, _WALL_TOP), **paint)
+    tiles = (left, back - 0.005, design.counter_height), (right, back, design.counter_height + _TILES)
+    arena.add_box("tiles", *tiles, rgba=(*_TILES_COLOR, 1))
+    for side, inner, outer in (("left", left, left - _WALL), ("right", right, right + _WALL)):
+        fronts = [placed.bounds[0][1] for placed in design.placed if placed.row.side == side]
+        if fronts:
+            low, high = (min(inner, outer), min(fronts) - 0.1, FLOOR), (max(inner, outer), back + _WALL, _WALL_TOP)
+            arena.add_box(f"{side}_wall", low, high, **paint)
+
+
+def _fillings(placed: Placed, wall: float, style: Style) -> Iterator[tuple[str, Vector, Vector, Vector]]:
+    """Yields names, corners in a fixture's frame [m] and colours of the boxes that complete the fixture.
+
+    Args:
+      placed: the fixture.
+      wall: distance of the wall behind it from the axis of the robot's base [m].
+      style: of the kitchen.
+    """
+    extent: Extent = KINDS[placed.design.kind].extent(placed.design)
+    (left, _, bottom), (right, depth, top) = extent.low, extent.high
+    back, floor = wall - placed.row.distance, FLOOR - placed.position[2]
+    if placed.row.level != "counter":
+        yield "filling", (left, depth, bottom), (right, back, top), style.carcass
+    if placed.design.kind == "oven":
+        # Behind the knobs, where the hood is if there is one.
+        yield "panel", (left + 0.01, _PANEL_FRONT, _PANEL_BOTTOM), (right - 0.01, back, _PANEL_TOP), DARK
+    elif placed.row.level in ("base", "tall"):
+        plinth = floor + _PLINTH
+        yield "plinth", (left, _RECESS, floor), (right, back, min(plinth, bottom)), DARK
+        yield "lower_carcass", (left, PANEL, plinth), (right, back, bottom), style.carcass
+        front = STEEL if placed.design.kind == "stove" else style.front
+        yield "lower_front", (left + GAP, 0.0, plinth), (right - GAP, PANEL, bottom), front

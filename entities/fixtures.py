@@ -46,6 +46,10 @@ DRAWER_OPENING, SLIDING_OPENING, DOOR_OPENING, KNOB_ANGLE, SWITCH_ANGLE = 0.2, 0
 _STIFF_FRICTION = (0.99, 0.999, 0.001)
 
 
+# Colours that do not depend on the style: of windows, cooktops and plinths, and of stoves.
+DARK, STEEL = (0.12, 0.12, 0.13), (0.72, 0.73, 0.75)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Style:
     """Colours of a kitchen: red, green and blue from 0 to 1.
@@ -55,33 +59,59 @@ class Style:
       carcass: of the boxes behind them.
       worktop: of the worktops.
       metal: of handles.
+      wall: of the walls.
     """
 
     front: Vector
     carcass: Vector
     worktop: Vector
     metal: Vector
+    wall: Vector
 
 
 STYLES: Mapping[str, Style] = MappingProxyType(
     {
         "slate": Style(
-            front=(0.36, 0.47, 0.53), carcass=(0.80, 0.79, 0.76), worktop=(0.55, 0.40, 0.26), metal=(0.80, 0.80, 0.82)
+            front=(0.36, 0.47, 0.53),
+            carcass=(0.80, 0.79, 0.76),
+            worktop=(0.55, 0.40, 0.26),
+            metal=(0.80, 0.80, 0.82),
+            wall=(0.89, 0.88, 0.85),
         ),
         "oak": Style(
-            front=(0.72, 0.55, 0.36), carcass=(0.86, 0.83, 0.77), worktop=(0.22, 0.22, 0.23), metal=(0.20, 0.20, 0.21)
+            front=(0.72, 0.55, 0.36),
+            carcass=(0.86, 0.83, 0.77),
+            worktop=(0.22, 0.22, 0.23),
+            metal=(0.20, 0.20, 0.21),
+            wall=(0.83, 0.85, 0.84),
         ),
         "white": Style(
-            front=(0.92, 0.91, 0.88), carcass=(0.85, 0.84, 0.81), worktop=(0.62, 0.62, 0.60), metal=(0.72, 0.58, 0.35)
+            front=(0.92, 0.91, 0.88),
+            carcass=(0.85, 0.84, 0.81),
+            worktop=(0.62, 0.62, 0.60),
+            metal=(0.72, 0.58, 0.35),
+            wall=(0.66, 0.74, 0.78),
         ),
         "sage": Style(
-            front=(0.55, 0.62, 0.50), carcass=(0.88, 0.87, 0.82), worktop=(0.80, 0.72, 0.60), metal=(0.75, 0.60, 0.36)
+            front=(0.55, 0.62, 0.50),
+            carcass=(0.88, 0.87, 0.82),
+            worktop=(0.80, 0.72, 0.60),
+            metal=(0.75, 0.60, 0.36),
+            wall=(0.93, 0.90, 0.83),
         ),
         "navy": Style(
-            front=(0.16, 0.22, 0.34), carcass=(0.75, 0.75, 0.76), worktop=(0.90, 0.89, 0.87), metal=(0.82, 0.82, 0.84)
+            front=(0.16, 0.22, 0.34),
+            carcass=(0.75, 0.75, 0.76),
+            worktop=(0.90, 0.89, 0.87),
+            metal=(0.82, 0.82, 0.84),
+            wall=(0.86, 0.83, 0.76),
         ),
         "terracotta": Style(
-            front=(0.68, 0.40, 0.30), carcass=(0.90, 0.86, 0.80), worktop=(0.36, 0.28, 0.22), metal=(0.30, 0.28, 0.27)
+            front=(0.68, 0.40, 0.30),
+            carcass=(0.90, 0.86, 0.80),
+            worktop=(0.36, 0.28, 0.22),
+            metal=(0.30, 0.28, 0.27),
+            wall=(0.92, 0.87, 0.78),
         ),
     }
 )
@@ -182,7 +212,8 @@ class Fixture(Prop):
         for part, shine in (("front", 0.3), ("carcass", 0.1), ("worktop", 0.25), ("metal", 0.8)):
             rgba = (*getattr(style, part), 1)
             asset.add("material", name=part, rgba=rgba, specular=shine, shininess=shine)
-        asset.add("material", name="dark", rgba=(0.12, 0.12, 0.13, 1), specular=0.3, shininess=0.5)
+        for name, color in (("dark", DARK), ("steel", STEEL)):
+            asset.add("material", name=name, rgba=(*color, 1), specular=0.3, shininess=0.5)
 
     def _add_box(
         self, body: mjcf.Element, name: str, low: Vector, high: Vector, material: str, mass: float = 0.0
@@ -323,7 +354,7 @@ class SlidingDoor(Fixture):
         self._add_carcass((-width / 2, 0, 0), (width / 2, depth, height))
         sign = 1 if hinge == "left" else -1
         fixed = sorted((0.0, sign * (width / 2 - GAP)))
-        self._add_box(self._body, "panel", (fixed[0], 0, GAP), (fixed[1], PANEL, height - GAP), "carcass")
+        self._add_box(self._body, "panel", (fixed[0], 0, GAP), (fixed[1], PANEL, height - GAP), "front")
         body = self._body.add("body", name="door")
         travel = min(_SLIDING_TRAVEL, width / 2 - EDGE)
         part = Part(
@@ -348,7 +379,7 @@ class Stove(Fixture):
     def _furnish(self, width: float, depth: float, height: float, count: int) -> None:
         self._add_box(self._body, "top", (-width / 2, -0.01, -WORKTOP), (width / 2, depth, 0), "dark")
         low, high = (-width / 2 + GAP, 0, -height), (width / 2 - GAP, depth, -WORKTOP)
-        self._add_box(self._body, "case", low, high, "metal")
+        self._add_box(self._body, "case", low, high, "steel")
         window = (-0.35 * width, -0.004, -0.9 * height), (0.35 * width, 0, -0.4 * height)
         self._add_box(self._body, "window", *window, "dark")
         step = min(0.15, (width - 0.1) / count)
@@ -356,8 +387,9 @@ class Stove(Fixture):
             self._add_knob(number, (number - (count - 1) / 2) * step, -WORKTOP - 0.07, count)
         for x in (-0.22 * width, 0.22 * width):
             for y in (0.27 * depth, 0.73 * depth):
-                ring = {"type": "cylinder", "size": (0.09, 0.004), "pos": (x, y, 0.002)}
-                self._body.add("geom", dclass="visual", material="carcass", **ring)
+                for radius, height, material in ((0.09, 0.002, "steel"), (0.08, 0.003, "dark")):
+                    plate = {"type": "cylinder", "size": (radius, height), "pos": (x, y, 0)}
+                    self._body.add("geom", dclass="visual", material=material, **plate)
 
     def _add_knob(self, number: int, x: float, z: float, count: int) -> None:
         """Adds a knob like those of the oven, whose bar is upright while it is off."""
@@ -374,7 +406,7 @@ class Stove(Fixture):
         self._add_part(part, body, type="hinge", axis=(0, 0, 1), range=(-1.57, 0), damping=2)
         shapes = (
             ("bar", {"type": "box", "pos": (0, 0, 0.038), "size": (0.014, 0.048, 0.018)}, "dark"),
-            ("disc", {"type": "cylinder", "pos": (0, 0, 0.013), "size": (0.05, 0.008)}, "carcass"),
+            ("disc", {"type": "cylinder", "pos": (0, 0, 0.013), "size": (0.05, 0.008)}, "steel"),
         )
         for shape, attributes, material in shapes:
             body.add("geom", name=f"{name}_{shape}", dclass="collision", **{**attributes, "mass": 0.01})
@@ -564,9 +596,17 @@ def _kitchen_prop(
     height = 1.6 if level == "base" else low[2]
     origin = (-(low[0] + high[0]) / 2, -low[1], -height)
     lower, upper = (tuple(a + b for a, b in zip(corner, origin, strict=True)) for corner in (low, high))
+
+    def build(design: FixtureDesign, style: Style, visuals: bool, name: str) -> Prop:
+        built = prop(visuals=visuals, name=name)
+        lacquer = built.mjcf_model.find("material", "lacquer")
+        if lacquer is not None:
+            lacquer.rgba = (*style.front, 1)
+        return built
+
     return FixtureKind(
         level=level,
-        build=lambda design, style, visuals, name: prop(visuals=visuals, name=name),
+        build=build,
         extent=lambda design: Extent(low=(lower[0], lower[1] - room, lower[2]), high=upper),
         words=words,
         parts=parts,

@@ -3,11 +3,11 @@
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from dm_control import composer, mjcf
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import appearance, assets
@@ -26,6 +26,10 @@ _PEDESTAL_RADIUS = 0.07
 
 # Height of the floor of generated kitchens [m]: their counters are 0.9 m above it.
 FLOOR = 0.82
+
+# Position [m] and axes of the camera `overview` of generated kitchens: 3.05 m from (0, 0.3, 1.87), azimuth 82 and
+# elevation -31 degrees.
+_OVERVIEW = (-0.364, -2.289, 3.441), (0.9903, -0.1392, 0.0, 0.0717, 0.51, 0.8572)
 
 # Speed below which MuJoCo may put an object to sleep [m/s; rad/s scaled by the object's length].
 _SLEEP_TOLERANCE = 1e-8
@@ -243,6 +247,9 @@ class GeneratedKitchenArena(KitchenArena):
         world.find("body", "desk").remove()
         self._mjcf_root.find("site", "kettle").remove()
         self._mjcf_root.find("geom", "floor").pos = (0, 0, FLOOR)
+        # The kitchen's would cut off upper cabinets, and shadows on the higher floor.
+        self._mjcf_root.find("camera", "overview").set_attributes(pos=_OVERVIEW[0], xyaxes=_OVERVIEW[1])
+        self._mjcf_root.visual.map.shadowclip = 1.0
         # Narrower than in the original kitchen, where the front of the oven is in the pedestal.
         self._mjcf_root.find("geom", "pedestal").size = (_PEDESTAL_RADIUS, 0.9)
 
@@ -257,11 +264,11 @@ class GeneratedKitchenArena(KitchenArena):
         self._mjcf_root.find("site", entity.mjcf_model.model).remove()
         return frame
 
-    def add_wall(self, name: str, low: Sequence[float], high: Sequence[float]) -> None:
-        """Adds a wall between two corners [m], which only pictures show."""
-        pos, size = (np.add(low, high) / 2, np.subtract(high, low) / 2)
-        shape = {"type": "box", "pos": pos, "size": size, "rgba": (0.87, 0.86, 0.83, 1)}
-        self._mjcf_root.worldbody.add("geom", name=name, contype=0, conaffinity=0, group=1, mass=0, **shape)
+    def add_box(self, name: str, low: ArrayLike, high: ArrayLike, **attributes: Any) -> None:
+        """Adds a box between two corners [m], which only pictures show; attributes are its colour or material."""
+        pos, size = np.add(low, high) / 2, np.subtract(high, low) / 2
+        shape = {"type": "box", "pos": pos, "size": size, "group": 1}
+        self._mjcf_root.worldbody.add("geom", name=name, contype=0, conaffinity=0, mass=0, **shape, **attributes)
 
 
 def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:

@@ -1,6 +1,7 @@
 """Makes the pictures of the scenes on the pages, in docs/pictures/.
 
 python docs/scripts/pictures.py            all domains from every camera, and varied scenes; needs a GL library
+python docs/scripts/pictures.py kitchens   generated kitchens alone
 python docs/scripts/pictures.py controls   plots and frames of the control modes; needs the extra `docs` as well
 """
 
@@ -46,6 +47,7 @@ def write_pictures() -> None:
     write_kitchen_pictures()
     write_cabinet_picture()
     write_microwave_picture()
+    write_kitchens_sheet()
     write_camera_sheets()
     write_goal_sheet()
     write_variation_sheets()
@@ -77,6 +79,17 @@ def write_microwave_picture() -> None:
         physics.bind(door).qpos = GOAL.value
     columns.append(smooth_picture(physics, "overview", 300, 400))
     save_photograph(np.hstack(columns), "microwave_table")
+
+
+def write_kitchens_sheet() -> None:
+    """Renders the first 64 generated kitchens of the split `train`, in rows of eight, at the start of an episode."""
+    pictures = []
+    for design in range(64):
+        environment = suite.load("kitchens", "any", {"random": 0, "design": design})
+        environment.reset()
+        pictures.append(smooth_picture(environment.physics, "overview", 150, 200))
+    sheet = np.vstack([np.hstack(pictures[i : i + 8]) for i in range(0, len(pictures), 8)])
+    Image.fromarray(sheet).save(PICTURES / "kitchens.webp", quality=80)
 
 
 def write_kitchen_pictures() -> None:
@@ -301,7 +314,7 @@ def add_arrow(scene: Any, start: Any, end: Any, axis: int) -> None:
 
 
 if __name__ == "__main__":
-    commands = {(): write_pictures, ("controls",): write_control_pictures}
+    commands = {(): write_pictures, ("kitchens",): write_kitchens_sheet, ("controls",): write_control_pictures}
     if tuple(sys.argv[1:]) not in commands:
         sys.exit(__doc__)
     commands[tuple(sys.argv[1:])]()

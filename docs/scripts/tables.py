@@ -27,12 +27,14 @@ from result_tables import RESULT_TABLES, markdown
 from kitchen_suite import entities, suite
 from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Franka
 from kitchen_suite.entities.appearance import Surface
+from kitchen_suite.entities.fixtures import KINDS, PART_KINDS, STYLES, FixtureDesign
 from kitchen_suite.entities.props import BURNERS
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, pushes
 from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.variations import DONE, done_parameter
+from kitchen_suite.tasks.kitchens import mdp as kitchens
 from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
 from kitchen_suite.tasks.observables import offered
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
@@ -160,6 +162,54 @@ def _entries(domain: str) -> Iterator[str]:
             yield f"![{asked}](../pictures/{picture})"
 
 
+# Generated kitchens.
+
+
+def fixture_table() -> str:
+    """Returns the table of the kinds of fixtures of generated kitchens."""
+    rows = []
+    for name, kind in KINDS.items():
+        most = FixtureDesign(kind=name, **{option: values[-1] for option, values in kind.options.items()})
+        parts = kind.parts_of(kind.build(most, STYLES["oak"], False, name))
+        words = ", ".join(dict.fromkeys(part.kind for part in parts))
+        options = "; ".join(f"`{option}` {_values(values)}" for option, values in kind.options.items())
+        count = f"1 to {len(parts)}" if "count" in kind.options else len(parts)
+        rows.append((f"`{name}`", f"`{kind.level}`", options or "none", f"{words}, {count}"))
+    return markdown(("kind", "level", "options", "parts that move"), rows)
+
+
+def _values(values: Sequence[Any]) -> str:
+    """Returns the bounds of a number [m], or the choices, as text."""
+    if isinstance(values[0], float):
+        return f"{values[0]:g} to {values[-1]:g} m"
+    return f"{', '.join(map(str, values[:-1]))} or {values[-1]}"
+
+
+# What the parts of the observation of generated kitchens, and of its slots, hold.
+_KITCHENS_CONTENT = {
+    "joint_positions": "arm [rad] and fingers [m], ±1 mrad or mm",
+    "joint_velocities": "their velocities [rad/s, m/s], ±1 mrad/s or mm/s",
+    "hand_pose": "position of the hand [m], and the first two columns of its rotation matrix",
+    "slots": f"{kitchens.MAX_PARTS} slots of {kitchens.SLOT_SIZE} numbers",
+}
+_SLOT_CONTENT = {
+    "kind": f"1 for its kind, 0 for the others: {', '.join(PART_KINDS)}",
+    "position": "of the handle [m], ±2 mm",
+    "offset": "from the hand to the handle [m], with the same noise",
+    "into": "direction into the fixture, which turns with a door",
+    "along": "direction along the handle's bar",
+    "opening": "0 closed or off, 1 wide open or on, ±0.005",
+    "goal": "opening that is requested, 0 or 1; 0 for parts that are not",
+    "requested": "whether the episode asks for it, 0 or 1",
+}
+
+
+def part_table(parts: Mapping[str, slice], contents: Mapping[str, str]) -> str:
+    """Returns the table of the parts of an observation."""
+    rows = [(span(part.start, part.stop - 1), f"`{name}`", contents[name]) for name, part in parts.items()]
+    return markdown(("index", "key", "content"), rows)
+
+
 # Specs, spaces and observations.
 
 
@@ -231,7 +281,7 @@ def cabinet_observation_table() -> str:
 
 # What each camera is for; those of the robot are the same in all domains.
 _PURPOSES = {
-    "workspace": "knobs, switch, doors, kettle and burners in small pictures; default of the kitchen",
+    "workspace": "knobs, switch, doors, kettle and burners in small pictures; default of the kitchen and of kitchens",
     "overview": "robot and furniture; default of open_cabinet and microwave_table; the kitchen's is the original's",
     "handle": "close-up of the handles and the gripper",
     "left": "from the left",
@@ -267,7 +317,10 @@ def extra_table() -> str:
     found = collections.defaultdict(list)
     for name in suite.DOMAINS:
         scene = suite.load(name, suite.default_task(name), {"visuals": False}).task.scene
+        fixtures = {each.name for each in scene.design.placed} if isinstance(scene, entities.GeneratedKitchen) else ()
         for key, extra in offered(scene).items():
+            if key.partition("/")[0] in fixtures:
+                continue
             part = "`agent_pos`" if extra.of_robot else "`environment_state`"
             found[part, key, extra.size, extra.content].append(name)
     names = collections.defaultdict(list)
@@ -422,7 +475,9 @@ _PALETTES = {name: each for name, each in vars(appearance).items() if isinstance
 def parameter_rows(domain: str) -> dict[str, tuple[str, ...]]:
     """Returns group, unit, default, seen and held-out values of the parameters that a domain's groups vary, by name."""
     options = {"visuals": False, **_NOISY.get(domain, {})}
-    task = suite.load(domain, suite.default_task(domain), options | {"variations": GROUPS}).task
+    present = {row.group for row in suite.DOMAINS[domain].resolve("task").varied}
+    groups = [group for group in GROUPS if group in present]
+    task = suite.load(domain, suite.default_task(domain), options | {"variations": groups}).task
     own = (*sensing_parameters(task.mdp.noise_parts), *pushes.PARAMETERS)
     units = {each.name: each.unit for each in (*task.scene.parameters, *own)}
     if DONE in task.variations.by_name:
@@ -662,7 +717,10 @@ def my_task() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     "kitchen_sets": set_table,
     "goals": goal_table,
-    "gallery": lambda: "\n".join(f"## {domain}\n\n{gallery(domain)}" for domain in suite.DOMAINS),
+    # The tasks of generated kitchens are shown on their own page.
+    "gallery": lambda: "\n".join(
+        f"## {domain}\n\n{gallery(domain)}" for domain in suite.DOMAINS if domain != "kitchens"
+    ),
     "ids": id_table,
     "observation": observation_table,
     "cabinet_observation": cabinet_observation_table,
@@ -681,6 +739,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "protocols": protocol_table,
     "protocol_differences": protocol_differences,
     "my_task": my_task,
+    "fixtures": fixture_table,
+    "kitchens_tasks": functools.partial(task_table, "kitchens"),
+    "kitchens_observation": functools.partial(part_table, kitchens.PARTS, _KITCHENS_CONTENT),
+    "kitchens_slots": functools.partial(part_table, kitchens.SLOT_PARTS, _SLOT_CONTENT),
     "open_cabinet_tasks": functools.partial(task_table, "open_cabinet"),
     "variations": functools.partial(parameter_table, GROUPS[:4]),
     "variations_of_looks": functools.partial(parameter_table, GROUPS[4:]),

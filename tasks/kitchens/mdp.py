@@ -449,7 +449,7 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
             REQUESTED_ORDER: state.order.copy(),
             "goal_openings": state.goal.copy(),
             "completion_steps": state.progress.completion_steps.copy(),
-            "is_success": self.all_completed(state),
+            "is_success": np.array(self.all_completed(state)),
         }
         if state.terms.keys() != _SPARSE:
             infos |= {f"reward/{name}": np.array(term) for name, term in state.terms.items()}

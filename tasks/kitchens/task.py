@@ -76,7 +76,7 @@ class PartRequests(ResetRequests):
     Attributes:
       tasks: names of the tasks that episodes may ask for, such as `open drawers_1/drawer_2`.
       order: `(K,)`, place of each requested part in the episode that starts, from 0, and -1 for the others.
-      goal: `(K,)`, opening that is asked for, 0 or 1.
+      goal: `(K,)`, opening that is asked for, 0 or 1; 0 for the others.
     """
 
     options = (REQUESTED,)
@@ -98,15 +98,17 @@ class PartRequests(ResetRequests):
             raise ValueError(
                 f"kitchen {scene.design.name or 'of this design'} has nothing to {' or '.join(verbs)}: it has {parts}"
             )
-        parts_asked = {k for k, _ in self._slots.values()}
-        self._draw = TaskDraw.make(count, len(parts_asked))
-        self._weights = np.isin(np.arange(MAX_PARTS), list(parts_asked)).astype(np.float64)
+        # The first task of each part.
+        slots = {k: (k, opens) for k, opens in reversed(self._slots.values())}
+        self._draw = TaskDraw.make(count, len(slots))
+        self._weights = np.isin(np.arange(MAX_PARTS), list(slots)).astype(np.float64)
         # Whether a part may be asked to be open, and to be closed.
         self._directions = np.zeros((2, MAX_PARTS), bool)
         for k, opens in self._slots.values():
             self._directions[int(opens), k] = True
         self._next: tuple[str, ...] | None = None
-        self.order, self.goal = np.full(MAX_PARTS, -1), np.zeros(MAX_PARTS)
+        # Before the first reset.
+        self._request([slots[k] for k in sorted(slots)[: self._draw.most]])
 
     def checked(self, options: Mapping[str, Any]) -> tuple[str, ...] | None:
         if options.get(REQUESTED) is None:
@@ -123,14 +125,17 @@ class PartRequests(ResetRequests):
     def draw(self, random_state: np.random.RandomState) -> None:
         order = self._draw.draw(random_state, self._weights)
         opens = np.where(random_state.random_sample(MAX_PARTS) < 0.5, self._directions[1], ~self._directions[0])
-        self.order, self.goal = order, opens.astype(np.float64)
+        self.order, self.goal = order, ((order >= 0) & opens).astype(np.float64)
         if self._next is not None:
-            slots = [self._slots[task] for task in self._next]
-            self.order = order_of([k for k, _ in slots], MAX_PARTS)
-            self.goal = np.zeros(MAX_PARTS)
-            for k, is_open in slots:
-                self.goal[k] = is_open
+            self._request([self._slots[task] for task in self._next])
         self._next = None
+
+    def _request(self, slots: Sequence[tuple[int, bool]]) -> None:
+        """Asks for parts, each to be open or closed, in their sequence."""
+        self.order = order_of([k for k, _ in slots], MAX_PARTS)
+        self.goal = np.zeros(MAX_PARTS)
+        for k, opens in slots:
+            self.goal[k] = opens
 
     def recorded(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
         orders, goals = arrays.get(f"info/{REQUESTED_ORDER}"), arrays.get("info/goal_openings")
@@ -196,8 +201,6 @@ class KitchensTask(SuiteTask):
         """
         control, observables = split_options(options, self.control_modes)
         names = tuple(checks.choice(verb, VERBS, "verb") for verb in checks.unique_names(verbs, "verbs"))
-        if not names:
-            raise ValueError("verbs must have at least one")
         mdp = KitchensMDP(
             sensors=SlotSensors(scene),
             action_mode=make_mode(control_mode, self.control_modes, control),
@@ -215,7 +218,7 @@ class KitchensTask(SuiteTask):
         allowed = certificate_of(scene.design).certified if checks.boolean(certified, "certified") else None
         self.requests = PartRequests(scene, names, tasks_per_episode, allowed)
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
-        self.vary(handles=handles, parameters=scene.fixture_parameters, home=HOME)
+        self.vary(handles=handles, home=HOME)
         parts = {name: observable.Generic(functools.partial(self._part, part)) for name, part in PARTS.items()}
         for part in parts.values():
             part.enabled = True

@@ -47,6 +47,7 @@ CASES = {
     "kitchen": ("kitchen", {}, 0),
     "open_cabinet": ("open_cabinet", {}, 0),
     "microwave_table": ("microwave_table", {}, 0),
+    "kitchens": ("kitchens", {"design": 4, "split": "test"}, 0),
     "kitchen varied": ("kitchen", {"variations": GROUPS}, 3),
     "open_cabinet varied": ("open_cabinet", {"variations": GROUPS}, 4),
     "microwave_table varied": ("microwave_table", {"variations": GROUPS, "variation_split": "held_out"}, 5),

@@ -13,7 +13,7 @@ from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
-from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv
+from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv, KitchensEnv
 from kitchen_suite.gymnasium_env.observations import OBS_TYPES, has_pictures
 from kitchen_suite.settings import PICTURES_PREFIX
 
@@ -23,9 +23,22 @@ CLASSES = {
     "kitchen": FrankaKitchenEnv,
     "open_cabinet": FrankaOpenCabinetEnv,
     "microwave_table": FrankaMicrowaveTableEnv,
+    "kitchens": KitchensEnv,
 }
 # Elements of the robot, of the flat observation, and their bound.
-SIZES = {"kitchen": (18, 59, np.inf), "open_cabinet": (16, 25, 5.0), "microwave_table": (18, 23, np.inf)}
+SIZES = {
+    "kitchen": (18, 59, np.inf),
+    "open_cabinet": (16, 25, 5.0),
+    "microwave_table": (18, 23, np.inf),
+    "kitchens": (18, 363, np.inf),
+}
+# A prop with handles, and the number of their coordinates.
+HANDLES = {
+    "kitchen": ("oven", 12),
+    "open_cabinet": ("cabinet", 12),
+    "microwave_table": ("microwave", 3),
+    "kitchens": ("oven_1", 12),
+}
 PIXELS = {"image_size": (24, 32), "render_quality": "fast"}
 EXTRAS = ("franka/gripper_width", "franka/end_effector_pose", "franka/end_effector_velocity")
 
@@ -68,8 +81,7 @@ def test_the_kitchens_state_is_the_observation_of_its_goal_dictionary():
 @pytest.mark.parametrize("domain", CLASSES)
 def test_extra_observables_are_appended_where_they_belong(domain):
     robot, size, _ = SIZES[domain]
-    handles = {"kitchen": "oven", "open_cabinet": "cabinet", "microwave_table": "microwave"}[domain]
-    count = {"kitchen": 12, "open_cabinet": 12, "microwave_table": 3}[domain]
+    handles, count = HANDLES[domain]
     names = [f"{handles}/handle_positions", *EXTRAS]
     plain = CLASSES[domain](obs_type="state")
     flat = CLASSES[domain](obs_type="state", extra_observables=names)
@@ -167,7 +179,7 @@ def test_extra_observables_do_not_vanish_without_a_word(obs_type, lost):
         FrankaKitchenEnv(obs_type=obs_type, extra_observables=["kettle/pose", "franka/gripper_width"])
 
 
-@pytest.mark.parametrize("domain", ["open_cabinet", "microwave_table"])
+@pytest.mark.parametrize("domain", ["open_cabinet", "microwave_table", "kitchens"])
 def test_domains_without_goals_refuse_the_goal_dictionary(domain):
     with refused(ValueError, "obs_type", "'goal'"):
         CLASSES[domain](obs_type="goal")
@@ -194,7 +206,7 @@ def test_one_camera_is_an_array_and_several_are_a_dict(domain):
         assert_same(both, {"pixels": picture, "agent_pos": numbers["agent_pos"]})
         assert picture.std() > 10
         assert pictures["franka_hand"].std() > 10
-    default = "workspace" if domain == "kitchen" else "overview"
+    default = "workspace" if domain.startswith("kitchen") else "overview"
     assert_same(picture, one.environment.physics.render(24, 32, camera_id=default))
     assert_same(pictures["franka_hand"], several.environment.physics.render(24, 32, camera_id="franka/hand"))
     for env in (one, several, with_robot):

@@ -35,6 +35,7 @@ MODES = {
     "kitchen": ("joint_velocity", *SHARED),
     "open_cabinet": ("joint_offset", *SHARED),
     "microwave_table": ("joint_offset", *SHARED),
+    "kitchens": ("joint_velocity", *SHARED),
 }
 CASES = [(domain, mode) for domain, modes in MODES.items() for mode in modes]
 

@@ -8,7 +8,7 @@ from helpers.sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy, Teleoperation
 
-TASKS = {"kitchen": "kettle", "microwave_table": "open", "open_cabinet": "top_drawer"}
+TASKS = {"kitchen": "kettle", "microwave_table": "open", "open_cabinet": "top_drawer", "kitchens": "open"}
 MODES = [(domain, mode) for domain in TASKS for mode in suite.DOMAINS[domain].resolve("expert").control_modes]
 QUICK = [("kitchen", "joint_velocity"), ("microwave_table", "ee_pose"), ("open_cabinet", "joint_offset")]
 

@@ -159,7 +159,7 @@ def fixed_positions(page, episode):
 
 
 @pytest.mark.web
-@pytest.mark.parametrize("domain", ["kitchen", "open_cabinet", "microwave_table"])
+@pytest.mark.parametrize("domain", ["kitchen", "open_cabinet", "microwave_table", "kitchens"])
 def test_a_page_of_a_long_episode_is_small(folder, domain):
     arguments = [f"--domain_name={domain}", "--num_episodes=1", "--max_episode_steps=280", "--web=page.html"]
     assert rollout.main(arguments) == 0

@@ -15,6 +15,7 @@ DRAWS = {
     "kitchen": {},
     "open_cabinet": {"observation_noise": {"handle_offset": 0.01}, "randomization": "moderate"},
     "microwave_table": {},
+    "kitchens": {},
 }
 
 
@@ -28,6 +29,7 @@ BRIEF = (
     ("kitchen", "joint_position"),
     *(("open_cabinet", mode) for mode in ("joint_delta", "ee_delta_position", "ee_pose")),
     ("microwave_table", "ee_delta_pose"),
+    ("kitchens", "joint_delta"),
 )
 
 

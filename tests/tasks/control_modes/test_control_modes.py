@@ -23,7 +23,7 @@ from kitchen_suite.tasks.control_modes import inverse_kinematics
 tracking = load_script("scripts/tracking")
 
 DOMAINS = tuple(suite.DOMAINS)
-ROBOTS = {"kitchen": KITCHEN_FRANKA, "open_cabinet": PANDA, "microwave_table": PANDA}
+ROBOTS = {"kitchen": KITCHEN_FRANKA, "open_cabinet": PANDA, "microwave_table": PANDA, "kitchens": KITCHEN_FRANKA}
 
 
 # Cases of every kind of mode.

@@ -1,0 +1,290 @@
+"""Designs of generated kitchens: the grammar's, those in JSON and their errors, and the scenes built from them."""
+
+import collections
+import copy
+import dataclasses
+import json
+
+import mujoco
+import numpy as np
+import pytest
+from dm_control import mjcf
+from helpers.errors import ODD_VALUES, assert_is_short, refused
+
+from kitchen_suite.entities import designs
+from kitchen_suite.entities.designs import SPLITS, KitchenDesign, build_generated_kitchen
+from kitchen_suite.entities.fixtures import CLEARANCE, HANDLES, KINDS, PANEL, STYLES, Fixture, FixtureDesign
+from kitchen_suite.names import FAST
+
+COUNT = 1_000
+MINE = {
+    "counter_height": 1.76,
+    "style": "oak",
+    "rows": [
+        {
+            "side": "back",
+            "level": "base",
+            "distance": 0.5,
+            "start": -0.6,
+            "fixtures": [
+                {"kind": "drawers", "width": 0.6, "height": 0.31, "count": 2, "handle": "bar"},
+                {"kind": "base_doors", "width": 0.5, "height": 0.45, "count": 1, "handle": "knob", "hinge": "left"},
+            ],
+        },
+        {
+            "side": "back",
+            "level": "wall",
+            "distance": 0.6,
+            "start": -0.6,
+            "height": 2.25,
+            "fixtures": [{"kind": "wall_doors", "width": 0.6, "height": 0.4, "count": 2, "handle": "bar", "gap": 0.2}],
+        },
+    ],
+}
+ROW, WALL, FIXTURE = ("rows", 0), ("rows", 1), ("rows", 0, "fixtures", 0)
+MISSING = object()
+
+
+def changed(path, value):
+    """Returns `MINE` with another value at a path, or without the key there."""
+    design = copy.deepcopy(MINE)
+    *parents, key = path
+    part = design
+    for each in parents:
+        part = part[each]
+    part[key] = value
+    if value is MISSING:
+        del part[key]
+    return design
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """The first thousand designs of each split."""
+    return {split: [KitchenDesign.make(number, split) for number in range(COUNT)] for split in SPLITS}
+
+
+def test_a_thousand_designs_of_each_split_can_be_built(drawn):
+    for kitchens in drawn.values():
+        for kitchen in kitchens:
+            text = json.dumps(kitchen.to_json())
+            # What is read from JSON has been checked.
+            assert KitchenDesign.make(json.loads(text), "train") == dataclasses.replace(kitchen, name="")
+
+
+def test_splits_share_no_sequence_of_fixtures(drawn):
+    train, test = ({kitchen.sequence for kitchen in drawn[split]} for split in SPLITS)
+    assert not train & test
+    # A quarter of the sequences is for tests.
+    assert len(train) >= 200
+    assert len(test) >= 150
+
+
+def test_every_kind_is_in_a_twentieth_of_the_kitchens(drawn):
+    for kitchens in drawn.values():
+        kinds = collections.Counter(
+            kind for each in kitchens for kind in {placed.design.kind for placed in each.placed}
+        )
+        assert min(kinds[kind] for kind in KINDS) >= 0.05 * COUNT, kinds
+
+
+def test_a_number_is_one_kitchen_in_each_split(drawn):
+    for split, kitchens in drawn.items():
+        assert designs._drawn.__wrapped__(7, split) == kitchens[7]
+        assert KitchenDesign.make("7", split) is KitchenDesign.make(kitchens[7], "train") is kitchens[7]
+        assert kitchens[7].name == f"{split}/7"
+    train, test = drawn.values()
+    assert all(one != other for one, other in zip(train, test, strict=True))
+
+
+def test_a_file_has_a_design(tmp_path):
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps(MINE), encoding="utf-8")
+    made = KitchenDesign.make(MINE, "test")
+    assert KitchenDesign.make(path, "train") == KitchenDesign.make(str(path), "train") == made
+    assert made.to_json() == {**MINE, "kettle": False}
+    assert made.sequence == "back base: drawers base_doors; back wall: wall_doors"
+
+
+OVEN = {"kind": "oven"}
+TOO_MANY = [{**MINE["rows"][0]["fixtures"][0], "width": 0.3, "height": 0.6, "count": 4}] * 5
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "error", "message"),
+    [
+        (("counter_height",), 2.0, ValueError, "counter_height must be between 1.5 and 1."),
+        (("counter_height",), "high", TypeError, "counter_height must be a number, got 'high'"),
+        (("counter_height",), True, TypeError, "counter_height must be a number, got True"),
+        (("counter_height",), float("nan"), ValueError, "counter_height must be between 1.5 and 1."),
+        (("counter_height",), MISSING, ValueError, "design must have counter_height"),
+        (("style",), "blue", ValueError, "style 'blue' does not exist"),
+        (("style",), None, TypeError, "style must be a string, got None"),
+        (("kettle",), 1, TypeError, "kettle must be"),
+        (("kettle",), True, ValueError, "kettle must be false in a kitchen without an oven"),
+        (("floor",), 0, ValueError, "key of design 'floor' does not exist"),
+        (("rows",), {}, TypeError, "rows must be a list, got {}"),
+        (("rows",), [], ValueError, "rows must have at least one fixture"),
+        (ROW, 3, TypeError, "rows[0] must be a JSON object, got 3"),
+        ((*ROW, "side"), "front", ValueError, "rows[0].side 'front' does not exist"),
+        ((*ROW, "level"), "floor", ValueError, "rows[0].level 'floor' does not exist"),
+        ((*ROW, "level"), "wall", ValueError, "rows[0] must have a height if, and only if, its level is 'wall'"),
+        ((*ROW, "height"), 2.0, ValueError, "rows[0] must have a height if, and only if, its level is 'wall'"),
+        ((*ROW, "distance"), -0.1, ValueError, "rows[0].distance must be between 0 and 1, got -0.1"),
+        ((*ROW, "distance"), 1.1, ValueError, "rows[0].distance must be between 0 and 1, got 1.1"),
+        ((*ROW, "distance"), 0.0, ValueError, "rows[0].fixtures[0] stands where the robot does"),
+        ((*ROW, "start"), "left", TypeError, "rows[0].start must be a number, got 'left'"),
+        ((*ROW, "start"), 10**400, ValueError, "rows[0].start must be between -1.5 and 1.5, got 1000"),
+        ((*ROW, "start"), -1.6, ValueError, "rows[0].start must be between -1.5 and 1.5, got -1.6"),
+        ((*ROW, "fixtures"), None, TypeError, "rows[0].fixtures must be a list, got None"),
+        ((*ROW, "fixtures"), [OVEN, OVEN], ValueError, "rows must not have more than one fixture of kind 'oven'"),
+        ((*ROW, "fixtures"), TOO_MANY, ValueError, "rows must have at most 16 drawers, doors and knobs, got 22"),
+        ((*WALL, "height"), 3.0, ValueError, "rows[1].height must be between 1.4 and 2.7, got 3.0"),
+        ((*WALL, "height"), MISSING, ValueError, "rows[1] must have a height if"),
+        ((*WALL, "height"), 1.7, ValueError, "rows[1].fixtures[0] (wall_doors) overlaps rows[0].fixtures["),
+        (FIXTURE, "drawers", TypeError, "rows[0].fixtures[0] must be a JSON object, got 'drawers'"),
+        ((*FIXTURE, "kind"), "sink", ValueError, "rows[0].fixtures[0].kind of level 'base' 'sink' does not exist"),
+        (
+            (*FIXTURE, "kind"),
+            "wall_doors",
+            ValueError,
+            "rows[0].fixtures[0].kind of level 'base' 'wall_doors' does not",
+        ),
+        ((*FIXTURE, "kind"), "oven", ValueError, "key of rows[0].fixtures[0] 'width' does not exist"),
+        ((*FIXTURE, "width"), MISSING, ValueError, "rows[0].fixtures[0] must have width"),
+        ((*FIXTURE, "width"), 0.2, ValueError, "rows[0].fixtures[0].width must be between 0.3 and 0.9, got 0.2"),
+        ((*FIXTURE, "height"), [0.3], TypeError, "rows[0].fixtures[0].height must be a number, got [0.3]"),
+        ((*FIXTURE, "count"), 0, ValueError, "rows[0].fixtures[0].count must be"),
+        ((*FIXTURE, "count"), 5, ValueError, "rows[0].fixtures[0].count must be"),
+        ((*FIXTURE, "count"), 1.5, TypeError, "rows[0].fixtures[0].count must be"),
+        ((*FIXTURE, "handle"), "ring", ValueError, "rows[0].fixtures[0].handle 'ring' does not exist"),
+        ((*FIXTURE, "hinge"), "left", ValueError, "key of rows[0].fixtures[0] 'hinge' does not exist"),
+        ((*FIXTURE, "gap"), 2.0, ValueError, "rows[0].fixtures[0].gap must be between 0 and 1, got 2.0"),
+        (("rows", 0, "fixtures", 1, "hinge"), "top", ValueError, "rows[0].fixtures[1].hinge 'top' does not exist"),
+        (("rows", 0, "fixtures", 1, "hinge"), MISSING, ValueError, "rows[0].fixtures[1] must have hinge"),
+        (("rows", 1, "fixtures", 0, "hinge"), "left", ValueError, "key of rows[1].fixtures[0] 'hinge' does not exist"),
+    ],
+)
+def test_an_impossible_design_is_refused_with_the_path_of_the_value(path, value, error, message):
+    with refused(error, message) as raised:
+        build_generated_kitchen(changed(path, value), visuals=False)
+    assert_is_short(str(raised.value))
+
+
+@pytest.mark.parametrize(
+    ("design", "error", "message"),
+    [
+        (-1, ValueError, "design must be"),
+        (1.5, TypeError, "design must be"),
+        (None, TypeError, "design must be"),
+        ([MINE], TypeError, "design must be"),
+        ("no_such.json", ValueError, "or a file with one: no such file: 'no_such.json'"),
+        ("-7", ValueError, "no such file: '-7'"),
+        ("", ValueError, "a file with one: "),
+    ],
+)
+def test_what_is_no_design_is_refused(design, error, message):
+    with refused(error, message) as raised:
+        KitchenDesign.make(design, "train")
+    assert_is_short(str(raised.value))
+
+
+@pytest.mark.parametrize("name", ODD_VALUES)
+def test_odd_designs_are_refused_in_one_line(name):
+    for design in (ODD_VALUES[name], changed(FIXTURE, ODD_VALUES[name]), changed(("rows",), ODD_VALUES[name])):
+        with pytest.raises((TypeError, ValueError)) as raised:
+            KitchenDesign.make(design, "train")
+        assert_is_short(str(raised.value))
+
+
+def test_a_file_that_is_no_json_and_an_unknown_split_are_refused(tmp_path):
+    path = tmp_path / "mine.json"
+    path.write_text("{'rows': []}", encoding="utf-8")
+    with refused(ValueError, "mine.json does not hold a design (JSONDecodeError: "):
+        KitchenDesign.make(path, "train")
+    path.write_bytes(b"\xff")
+    with refused(ValueError, "mine.json does not hold a design (UnicodeDecodeError: "):
+        KitchenDesign.make(path, "train")
+    with refused(ValueError, "split 'val' does not exist", "'test'"):
+        KitchenDesign.make(7, "val")
+
+
+def compiled(design, *, visuals):
+    """Compiles a kitchen in the physics of its domain."""
+    scene = build_generated_kitchen(design, visuals=visuals)
+    scene.use_physics(FAST)
+    return scene, mjcf.Physics.from_mjcf_model(scene.arena.mjcf_model)
+
+
+def varied():
+    """Returns numbers of the split train that have every kind of fixture between them."""
+    numbers, missing = [], set(KINDS)
+    for number in range(100):
+        kinds = {each.design.kind for each in KitchenDesign.make(number, "train").placed}
+        if kinds & missing:
+            numbers.append(number)
+            missing -= kinds
+    assert not missing
+    return numbers
+
+
+@pytest.mark.parametrize("design", varied())
+def test_visuals_do_not_change_the_physics_and_parts_begin_at_rest(design):
+    (scene, physics), (_, visible) = compiled(design, visuals=False), compiled(design, visuals=True)
+    assert (physics.model.nmat, visible.model.nmat > 10) == (0, True)
+    objects = physics.bind(scene.object_joints)
+    mujoco.mj_step(physics.model.ptr, physics.data.ptr, 40)
+    np.testing.assert_allclose(objects.qvel, 0.0, atol=0.02)
+    for each in (physics, visible):
+        each.reset()
+        # Everything is pushed, and the arm moves.
+        each.data.qfrc_applied[:] = np.where(np.arange(each.model.nv) < 9, 0.0, 3.0)
+        each.data.ctrl[:] = 0.3
+        mujoco.mj_step(each.model.ptr, each.data.ptr, 200)
+    assert np.abs(objects.qpos).max() > 0.1
+    np.testing.assert_array_equal(physics.data.qpos, visible.data.qpos)
+
+
+def fixture_designs():
+    """Returns fixtures of each kind, with each handle and hinge."""
+    by_kind = {
+        kind: [
+            {"width": 0.5, "height": 0.4, "count": count, "handle": handle, "hinge": hinge}
+            for handle, count, hinge in zip(HANDLES, (1, 2), ("left", "right"), strict=True)
+        ]
+        for kind in KINDS
+    }
+    return [
+        FixtureDesign(kind=kind, **{name: given[name] for name in KINDS[kind].options})
+        for kind, variants in by_kind.items()
+        for given in (variants if KINDS[kind].options else variants[:1])
+    ]
+
+
+@pytest.mark.parametrize("design", fixture_designs(), ids=lambda design: f"{design.kind}-{design.handle}")
+def test_a_fixture_alone_has_its_parts_within_its_extent(design):
+    kind = KINDS[design.kind]
+    prop, extent = kind.build(design, STYLES["sage"], True, "alone"), kind.extent(design)
+    physics = mjcf.Physics.from_mjcf_model(prop.mjcf_model)
+    parts = kind.parts_of(prop)
+    assert len({part.words for part in parts}) == len(parts) > 0
+    for part in parts:
+        joint, handle = prop.mjcf_model.find("joint", part.joint), prop.mjcf_model.find("site", part.handle)
+        low, high = physics.bind(joint).range
+        assert low <= part.opened <= high
+        x, y, z = physics.bind(handle).xpos + kind.origin
+        assert extent.low[0] < x < extent.high[0]
+        assert extent.low[2] < z < extent.high[2]
+        if isinstance(prop, Fixture) and part.kind != "knob":
+            np.testing.assert_allclose(y, -CLEARANCE, atol=2 * PANEL)
+            frame = physics.bind(handle).xmat.reshape(3, 3)
+            np.testing.assert_allclose(frame[:, 2], (0, 1, 0), atol=1e-9)
+            np.testing.assert_allclose(
+                np.abs(frame[:, 1]), (part.kind == "drawer", 0, part.kind != "drawer"), atol=1e-9
+            )
+    if isinstance(prop, Fixture):
+        fixed = physics.bind([geom for geom in prop.mjcf_model.find_all("geom") if geom.parent.name == "carcass"])
+        boxes = fixed.type == mujoco.mjtGeom.mjGEOM_BOX
+        centre, half = fixed.xpos[boxes], fixed.size[boxes]
+        assert (np.subtract(extent.low, 1e-9) <= (centre - half).min(axis=0)).all()
+        assert ((centre + half).max(axis=0) <= np.add(extent.high, 1e-9)).all()
