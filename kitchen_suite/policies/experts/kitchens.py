@@ -70,7 +70,7 @@ _SETTLE_STEPS = 6
 _BESIDE, _ALONG = 0.05, BAR_RADIUS + 0.02
 
 # Distances of the site from a bar: far, near, at the grasp [m].
-_DISTANCES = (0.15, 0.08, 0.015)
+_DISTANCES, _KNOB_DISTANCES = (0.15, 0.08, 0.015), (0.15, 0.1, 0.04)
 
 # Pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the kitchen's skills [rad], that are tried,
 # the usual ones first.
@@ -203,7 +203,7 @@ class PartExpert(Expert):
         self._skill = motion.skill
         count = sum(isinstance(move, Move) and move.in_free_space for move in motion.skill.moves)
         planned = motion.planned(self._kinematics, self._limits, self._draw_offsets(count))
-        path = self._kitchen.path(trajectory.knots[-1], planned.knots[0], self._present)
+        path = self._kitchen.path(trajectory.knots[-1], planned.knots[0], target, opening)
         for joints in path:
             trajectory = trajectory.then(JointTrajectory.stationary(joints, OPEN), self._limits)
         return trajectory.then(planned, self._limits)
@@ -316,7 +316,7 @@ class _Kitchen:
                     best = badness, motion
                 if planned.position_error > OUT_OF_REACH or planned.arc_share < _ENOUGH_OF_ARC:
                     continue
-                way = [*self.path(HOME[ARM], planned.knots[0], target), *planned.knots]
+                way = [*self.path(HOME[ARM], planned.knots[0], target, opening), *planned.knots]
                 (free if self._is_free(way, target, opening) else others).append(motion)
                 if len(free) == _ALTERNATIVES or len(others) == _TRIED:
                     break
@@ -324,12 +324,12 @@ class _Kitchen:
             self._motions[key] = [*free, *others][:_ALTERNATIVES] or [best[1]]
         return self._motions[key]
 
-    def path(self, start: Array, end: Array, target: Target) -> list[Array]:
+    def path(self, start: Array, end: Array, target: Target, opening: float) -> list[Array]:
         """Returns joint positions on the way from one `(7,)` to another: by places near the robot, unless they touch."""
         tucked = [_tucked(start), _tucked(end)]
-        if self._is_free([start, *tucked, end], target, 0.0, with_hand=True):
+        if self._is_free([start, *tucked, end], target, opening, with_hand=True):
             return tucked
-        return [] if self._is_free([start, end], target, 0.0, with_hand=True) else tucked
+        return [] if self._is_free([start, end], target, opening, with_hand=True) else tucked
 
     def _is_free(self, knots: list[Array], target: Target, opening: float, *, with_hand: bool = False) -> bool:
         """Whether the arm touches no fixture at joint positions `(7,)` and between them.
@@ -420,12 +420,17 @@ class _Kitchen:
                     case "door", True:
                         for ratio in _RATIOS:
                             yield _swing(handle, self.slots.anchor[k], axis, into, level, opened * _PULLED, ratio)
+                    case "knob", _:
+                        angle = opened * _PULLED if target.opens else 0.0
+                        yield _swing(handle, self.slots.anchor[k], axis, into, level, angle, 1.0, _KNOB_DISTANCES)
                     case "door", False:
                         side = np.sign(opened) * right
                         for share in (1.0, 0.5):
                             turned = mink.SO3.exp(-share * position * axis)
                             hand = HandOrientation.from_rotation(turned @ upright.rotation)
                             yield _shut(handle, self.slots.anchor[k], axis, into, hand, side)
+                        for ratio in _RATIOS:
+                            yield _swing(handle, self.slots.anchor[k], axis, into, level, 0.0, ratio)
                     case _:
                         way = axis * np.sign(opened)
                         distance = abs(opened) * _PULLED - abs(position) if target.opens else -abs(position) - 0.01
@@ -448,10 +453,17 @@ def _push_drawer(handle: Array, into: Array, hand: HandOrientation, distance: fl
 
 
 def _swing(
-    handle: Array, anchor: Array, axis: Array, into: Array, hand: HandOrientation, angle: float, ratio: float
+    handle: Array,
+    anchor: Array,
+    axis: Array,
+    into: Array,
+    hand: HandOrientation,
+    angle: float,
+    ratio: float,
+    distances: Vector = _DISTANCES,
 ) -> Skill:
-    """Skill that grasps the bar of a door and swings the door to an angle [rad]."""
-    moves = grasp(_vector(handle), hand, _DISTANCES, settle_steps=4)
+    """Skill that grasps the bar of a door or of a knob and swings it to an angle [rad]."""
+    moves = grasp(_vector(handle), hand, distances, settle_steps=4)
     arc = ArcMove(angle=angle, hand_rotation_ratio=ratio, speed=1.0)
     return _skill((*moves, arc), _hinge(anchor, axis), retreat=-0.1 * into, release_steps=3)
 
