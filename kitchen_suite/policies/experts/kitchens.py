@@ -10,10 +10,12 @@ import mink
 import mujoco
 import numpy as np
 from dm_control import mjcf
+from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.designs import KitchenDesign, build_generated_kitchen
 from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
+from kitchen_suite.entities.props import Prop
 from kitchen_suite.names import REVERSES
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
@@ -85,8 +87,8 @@ _RATIOS = (-0.2, 0.4)
 # Share of a door's arc that the hand must be able to follow.
 _ENOUGH_OF_ARC = 0.85
 
-# Number of motions that are found for a task, to be tried one after the other, and of those on which the arm touches
-# something, after which no others are looked for.
+# Number of motions that are kept for a task, to be tried one after the other, and of those that are looked for unless
+# as many are free of contacts.
 _ALTERNATIVES, _TRIED = 3, 12
 
 # Tasks of the kitchen that undo others.
@@ -106,8 +108,8 @@ _SEEDS = (
 # end they turn it [rad].
 _LEVER, _BACK_BEYOND = 0.03, 0.4
 
-# Place of the hand near the robot, before it turns [m].
-_TUCKED = (-0.33, 0.1, 2.05)
+# Places of the hand near the robot, before it turns [m].
+_TUCKS = ((-0.33, 0.1, 2.05), (-0.25, 0.08, 2.2))
 
 # Control steps in which the hand comes to rest before a part.
 _REST_STEPS = 3
@@ -203,7 +205,7 @@ class PartExpert(Expert):
         self._skill = motion.skill
         count = sum(isinstance(move, Move) and move.in_free_space for move in motion.skill.moves)
         planned = motion.planned(self._kinematics, self._limits, self._draw_offsets(count))
-        path = self._kitchen.path(trajectory.knots[-1], planned.knots[0], target, opening)
+        path, _ = self._kitchen.path(trajectory.knots[-1], planned.knots[0], target, opening)
         for joints in path:
             trajectory = trajectory.then(JointTrajectory.stationary(joints, OPEN), self._limits)
         return trajectory.then(planned, self._limits)
@@ -213,17 +215,17 @@ class PartExpert(Expert):
 
 
 @functools.cache
-def _tuck() -> tuple[float, ...]:
-    """Joint positions with the hand near the robot [rad]."""
+def _tuck(place: Vector) -> tuple[float, ...]:
+    """Joint positions with the hand at a place near the robot [rad]."""
     kinematics = arm_model().kinematics
     rotation = kinematics.forward(HOME[ARM]).rotation()
-    pose = mink.SE3.from_rotation_and_translation(rotation, np.array(_TUCKED))
+    pose = mink.SE3.from_rotation_and_translation(rotation, np.array(place))
     return tuple(kinematics.inverse(pose, start=HOME[ARM]).tolist())
 
 
-def _tucked(joints: Array) -> Array:
+def _tucked(joints: Array, place: Vector) -> Array:
     """Joint positions `(7,)` with the hand near the robot, in the direction in which it is at others `(7,)` [rad]."""
-    return np.array(_aimed(_tuck(), arm_model().kinematics.forward(joints).translation()))
+    return np.array(_aimed(_tuck(place), arm_model().kinematics.forward(joints).translation()))
 
 
 class Motion(NamedTuple):
@@ -280,13 +282,13 @@ class _Kitchen:
         sensors = SlotSensors(built)
         sensors.bind(physics)
         self._columns = sensors.columns
-        # Geoms of the arm, of hand and fingers, and of the whole robot.
+        # Geoms of the robot, of hand and fingers, and of each part.
         names = [physics.model.id2name(body, "body") for body in physics.model.geom_bodyid]
-        of_robot = [name.startswith("franka/") for name in names]
-        of_hand = [name.endswith(("finger", "hand")) for name in names]
-        self._robot = np.array(of_robot)
-        self._hand = self._robot & of_hand
-        self._arm = self._robot & ~self._hand
+        self._robot = np.array([name.startswith("franka/") for name in names])
+        self._hand = self._robot & [name.endswith(("finger", "hand")) for name in names]
+        bodies = [_body(built.props[name], part).full_identifier for name, part in built.parts]
+        self._of_part = np.array([[name == body for name in names] for body in bodies])
+        self._all = np.ones_like(self._robot)
         self._motions: dict[tuple[Target, float, bool, JointSpeedLimits], list[Motion]] = {}
 
     def find(self, row: Array) -> Target:
@@ -302,11 +304,11 @@ class _Kitchen:
     def motions(self, target: Target, opening: float, turns_hand: bool, limits: JointSpeedLimits) -> list[Motion]:
         """Returns motions for a part at an opening that the arm can follow, at most three; the best one if none is.
 
-        Those come first on which the arm touches nothing but the part.
+        Those come first on which the robot touches the least, but for the part.
         """
         key = target, opening, turns_hand, limits
         if key not in self._motions:
-            kinematics, best, free, others = arm_model().kinematics, None, [], []
+            kinematics, best, found = arm_model().kinematics, None, []
             for motion in self._candidates(target, opening, turns_hand):
                 if best is not None and not motion.is_near(kinematics):
                     continue
@@ -316,35 +318,48 @@ class _Kitchen:
                     best = badness, motion
                 if planned.position_error > OUT_OF_REACH or planned.arc_share < _ENOUGH_OF_ARC:
                     continue
-                way = [*self.path(HOME[ARM], planned.knots[0], target, opening), *planned.knots]
-                (free if self._is_free(way, target, opening) else others).append(motion)
-                if len(free) == _ALTERNATIVES or len(others) == _TRIED:
+                _, touches = self.path(HOME[ARM], planned.knots[0], target, opening)
+                touches += self._touches(list(planned.knots), target, opening, ~self._of_part[target.index])
+                touches += self._touches([planned.knots[-1]] * 2, target, float(target.opens), self._all & ~self._hand)
+                found.append((touches, motion))
+                if sum(count == 0 for count, _ in found) == _ALTERNATIVES or len(found) == _TRIED:
                     break
             assert best is not None, "there is at least one candidate"
-            self._motions[key] = [*free, *others][:_ALTERNATIVES] or [best[1]]
+            ordered = [motion for _, motion in sorted(found, key=lambda each: each[0])]
+            self._motions[key] = ordered[:_ALTERNATIVES] or [best[1]]
         return self._motions[key]
 
-    def path(self, start: Array, end: Array, target: Target, opening: float) -> list[Array]:
-        """Returns joint positions on the way from one `(7,)` to another: by places near the robot, unless they touch."""
-        tucked = [_tucked(start), _tucked(end)]
-        if self._is_free([start, *tucked, end], target, opening, with_hand=True):
-            return tucked
-        return [] if self._is_free([start, end], target, opening, with_hand=True) else tucked
+    def path(self, start: Array, end: Array, target: Target, opening: float) -> tuple[list[Array], int]:
+        """Returns joint positions on the way from one `(7,)` to another on which the robot touches the least.
 
-    def _is_free(self, knots: list[Array], target: Target, opening: float, *, with_hand: bool = False) -> bool:
-        """Whether the arm touches no fixture at joint positions `(7,)` and between them.
+        Also returns at how many joint positions it touches something. The way goes by places near the robot, if it can.
+        """
+        best: tuple[list[Array], int] | None = None
+        for tuck in _TUCKS:
+            near = [_tucked(start, tuck), _tucked(end, tuck)]
+            for path in (near, near[:1], near[1:], []):
+                touches = self._touches([start, *path, end], target, opening, self._all)
+                if best is None or touches < best[1]:
+                    best = path, touches
+                if not touches:
+                    return best
+        assert best is not None
+        return best
+
+    def _touches(self, knots: list[Array], target: Target, opening: float, among: NDArray[np.bool_]) -> int:
+        """Returns at how many joint positions, `(7,)` and between them, the robot touches something or itself.
 
         Args:
           knots: the joint positions.
-          target: part that may be touched; it is at an opening.
+          target: part that is at an opening; all others are closed.
           opening: of the part.
-          with_hand: whether fingers and hand may touch nothing either.
+          among: `(geoms,)`, whether contacts of a geom count.
         """
         model, data = self._physics.model.ptr, self._data
         data.qpos[:] = model.qpos0
         if self.parts[target.index].joint is not None:
             data.qpos[self._columns[target.index]] = self.slots.opened[target.index] * opening
-        moving = self._arm | self._hand if with_hand else self._arm
+        touches = 0
         for start, end in itertools.pairwise(knots):
             count = max(1, int(np.ceil(np.abs(end - start).max() / _CHECKED)))
             for share in np.arange(1, count + 1) / count:
@@ -353,10 +368,9 @@ class _Kitchen:
                 mujoco.mj_comPos(model, data)
                 mujoco.mj_collision(model, data)
                 pairs = data.contact.geom[: data.ncon][data.contact.dist[: data.ncon] < 0.0]
-                touches = moving[pairs].any(axis=1) & ~self._robot[pairs].all(axis=1)
-                if touches.any():
-                    return False
-        return True
+                of_robot = self._robot[pairs].any(axis=1) & ~self._hand[pairs].all(axis=1)
+                touches += bool((of_robot & among[pairs].all(axis=1)).any())
+        return touches
 
     def _candidates(self, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
         part = self.parts[target.index]
@@ -364,7 +378,7 @@ class _Kitchen:
             yield from self._twins(part, target, opening, turns_hand)
             return
         position, axis = self.slots.opened[target.index] * opening, self.slots.axis[target.index]
-        for seed, skill in itertools.product((_tuck(), *_SEEDS), self._skills(part, target, float(position))):
+        for seed, skill in itertools.product((_tuck(_TUCKS[0]), *_SEEDS), self._skills(part, target, float(position))):
             if not turns_hand:
                 skill = skill.with_orientation(AT_RESET)
             moved = np.array([position]) if isinstance(skill.object_joint, Revolute) else axis * position
@@ -387,7 +401,7 @@ class _Kitchen:
             skill = skill.with_orientation(AT_RESET)
         if part.kind == "knob":
             x, _, height = handle
-            for seed, yaw, pitch in itertools.product((*_SEEDS[:1], _tuck(), *_SEEDS[1:]), _KNOB_YAWS, _KNOB_PITCHES):
+            for seed, yaw, pitch in itertools.product((*_SEEDS[:1], _tuck(_TUCKS[0]), *_SEEDS[1:]), _KNOB_YAWS, _KNOB_PITCHES):
                 hand = HandOrientation(approach=direction(yaw, pitch), spread=DOWN) if turns_hand else AT_RESET
                 aimed = _aimed(seed, self.slots.position[k])
                 if target.opens:
@@ -526,6 +540,12 @@ def _default_handles() -> dict[str, Array]:
     """Positions of the handles in the original kitchen by task [m]."""
     physics = mjcf.Physics.from_mjcf_model(scene().arena.mjcf_model)
     return {task: np.array(physics.bind(goal.handle_in(scene())).xpos) for task, goal in GOALS.items()}
+
+
+def _body(prop: Prop, part: Part) -> mjcf.Element:
+    """Returns the body of a part."""
+    model = prop.mjcf_model
+    return model.find("joint", part.joint).parent if part.joint else model.find("site", part.handle).parent
 
 
 @functools.lru_cache(maxsize=64)
