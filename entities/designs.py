@@ -326,7 +326,7 @@ class _Grammar:
         style, has_oven = self._choice(tuple(STYLES)), self._generator.random() < 0.4
         height = self._number(1.58, 1.62) if has_oven else self._number(1.8, 1.86)
         rows = [*(self._oven_wall(height) if has_oven else self._cabinet_wall(height))]
-        near = 0.45 if has_oven else rows[0].distance - 0.03
+        near = 0.45 if has_oven else rows[0].distance - 0.1
         for side in ("left", "right"):
             rows += self._beside(side, near, 0.0 if has_oven else 0.25)
         kettle = has_oven and self._generator.random() < 0.85
@@ -373,13 +373,15 @@ class _Grammar:
 
         `base` is the probability of a base cabinet, whose fronts are out of reach below low counters.
         """
-        distance = self._number(0.55, 0.65)
+        distance = self._number(0.58, 0.66)
         kind = self._choice(("", "tall", "base"), (0.65 - base, 0.35, base))
         if not kind:
             return
         width = self._number(0.4, 0.5)
+        # A door hinged near the robot on the left would swing into the arm at the start.
+        hinge = "right" if side == "left" else self._choice(("left", "right"))
         fixture = (
-            self._tall(width)
+            self._tall(width, hinge)
             if kind == "tall"
             else self._parametric(self._choice(("drawers", "base_doors"), (0.6, 0.4)), width)
         )
@@ -435,8 +437,8 @@ class _Grammar:
                     kind=kind, width=width, height=height, count=count, handle=self._handle, hinge=hinge
                 )
 
-    def _tall(self, width: float) -> FixtureDesign:
-        return FixtureDesign(kind="tall_door", width=width, handle=self._handle, hinge=self._choice(("left", "right")))
+    def _tall(self, width: float, hinge: str) -> FixtureDesign:
+        return FixtureDesign(kind="tall_door", width=width, handle=self._handle, hinge=hinge)
 
     def _number(self, low: float, high: float) -> float:
         return round(float(self._generator.uniform(low, high)), 3)

@@ -108,11 +108,17 @@ _SEEDS = (
 # end they turn it [rad].
 _LEVER, _BACK_BEYOND = 0.03, 0.4
 
+# How much further than in the kitchen, whose goal is nearer, the hand pushes the kettle [m].
+_KETTLE_FURTHER = 0.05
+
 # Places of the hand near the robot, before it turns [m].
 _TUCKS = ((-0.33, 0.1, 2.05), (-0.25, 0.08, 2.2))
 
 # Control steps in which the hand comes to rest before a part.
 _REST_STEPS = 3
+
+# Distance that counts as a contact of arm and hand, but for the fingers [m].
+_MARGIN = 0.012
 
 # Spacing of the joint positions at which a path is checked for collisions [rad].
 _CHECKED = 0.12
@@ -289,6 +295,9 @@ class _Kitchen:
         bodies = [_body(built.props[name], part).full_identifier for name, part in built.parts]
         self._of_part = np.array([[name == body for name in names] for body in bodies])
         self._all = np.ones_like(self._robot)
+        # The arm lags behind what is planned; the fingers must come near.
+        fingers = np.array([name.endswith("finger") for name in names])
+        physics.model.geom_margin[self._robot & ~fingers] = _MARGIN
         self._motions: dict[tuple[Target, float, bool, JointSpeedLimits], list[Motion]] = {}
 
     def find(self, row: Array) -> Target:
@@ -367,7 +376,7 @@ class _Kitchen:
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
                 mujoco.mj_collision(model, data)
-                pairs = data.contact.geom[: data.ncon][data.contact.dist[: data.ncon] < 0.0]
+                pairs = data.contact.geom[: data.ncon][data.contact.dist[: data.ncon] < _MARGIN]
                 of_robot = self._robot[pairs].any(axis=1) & ~self._hand[pairs].all(axis=1)
                 touches += bool((of_robot & among[pairs].all(axis=1)).any())
         return touches
@@ -397,6 +406,10 @@ class _Kitchen:
         if part.joint is None:
             assert isinstance(skill.object_joint, Prismatic)
             position = np.array(skill.object_joint.initial_position) + (0.0, part.opened * opening, 0.0)
+            *moves, last = skill.moves
+            assert isinstance(last, Move)
+            further = dataclasses.replace(last, position=_vector(np.add(last.position, (0.0, _KETTLE_FURTHER, 0.0))))
+            skill = dataclasses.replace(skill, moves=(*moves, further))
         if not turns_hand:
             skill = skill.with_orientation(AT_RESET)
         if part.kind == "knob":
