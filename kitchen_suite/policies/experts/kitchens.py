@@ -52,7 +52,7 @@ from kitchen_suite.policies.experts.trajectories import (
     plan_retreat,
 )
 from kitchen_suite.tasks.control_modes.modes import make_mode
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
+from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchens.mdp import CLOSED as CLOSED_OPENING
 from kitchen_suite.tasks.kitchens.mdp import OPEN as OPEN_OPENING
@@ -327,6 +327,8 @@ class _Kitchen:
                     best = badness, motion
                 if planned.position_error > OUT_OF_REACH or planned.arc_share < _ENOUGH_OF_ARC:
                     continue
+                if (planned.knots < POSITION_LOW[ARM]).any() or (planned.knots > POSITION_HIGH[ARM]).any():
+                    continue
                 _, touches = self.path(HOME[ARM], planned.knots[0], target, opening)
                 touches += self._touches(list(planned.knots), target, opening, ~self._of_part[target.index])
                 touches += self._touches([planned.knots[-1]] * 2, target, float(target.opens), self._all & ~self._hand)
@@ -376,9 +378,10 @@ class _Kitchen:
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
                 mujoco.mj_collision(model, data)
-                pairs = data.contact.geom[: data.ncon][data.contact.dist[: data.ncon] < _MARGIN]
+                pairs, distances = data.contact.geom[: data.ncon], data.contact.dist[: data.ncon]
                 of_robot = self._robot[pairs].any(axis=1) & ~self._hand[pairs].all(axis=1)
-                touches += bool((of_robot & among[pairs].all(axis=1)).any())
+                near = distances < np.where(self._robot[pairs].all(axis=1), 0.0, _MARGIN)
+                touches += bool((of_robot & near & among[pairs].all(axis=1)).any())
         return touches
 
     def _candidates(self, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
