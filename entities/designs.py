@@ -353,7 +353,7 @@ class _Grammar:
         base = self._fixtures(("drawers", "base_doors", "stove"), (0.4, 0.25, 0.35), width, once=("stove",))
         yield Row(side="back", level="base", distance=distance, start=round(start, 3), fixtures=base)
         if self._generator.random() < 0.35:
-            left = self._number(-0.75, -0.3)
+            left = self._number(-0.78, -0.66)
             yield Row(
                 side="back", level="counter", distance=round(distance + 0.05, 3), start=left,
                 fixtures=(FixtureDesign(kind="microwave"),),
@@ -373,11 +373,11 @@ class _Grammar:
 
         `base` is the probability of a base cabinet, whose fronts are out of reach below low counters.
         """
-        distance = self._number(0.58, 0.66)
+        distance = self._number(0.62, 0.68)
         kind = self._choice(("", "tall", "base"), (0.65 - base, 0.35, base))
         if not kind:
             return
-        width = self._number(0.4, 0.5)
+        width = self._number(0.36, 0.42)
         # A door hinged near the robot on the left would swing into the arm at the start.
         hinge = "right" if side == "left" else self._choice(("left", "right"))
         fixture = (

@@ -388,7 +388,8 @@ class _Kitchen:
         part = self.parts[target.index]
         if part.twin is not None:
             yield from self._twins(part, target, opening, turns_hand)
-            return
+            if part.kind != "door":
+                return
         position, axis = self.slots.opened[target.index] * opening, self.slots.axis[target.index]
         for seed, skill in itertools.product((_tuck(_TUCKS[0]), *_SEEDS), self._skills(part, target, float(position))):
             if not turns_hand:
