@@ -91,6 +91,9 @@ _ENOUGH_OF_ARC = 0.85
 # as many are free of contacts.
 _ALTERNATIVES, _TRIED = 3, 12
 
+# Number of motions that are tried in the usual order.
+_USUAL = 6
+
 # Tasks of the kitchen that undo others.
 _UNDOES = {task: reverse for reverse, task in REVERSES.items()}
 
@@ -288,12 +291,11 @@ class _Kitchen:
         sensors = SlotSensors(built)
         sensors.bind(physics)
         self._columns = sensors.columns
-        # Geoms of the robot, of hand and fingers, and of each part.
+        # Geoms of the robot, of hand and fingers, and those that the hand may touch when it moves a part.
         names = [physics.model.id2name(body, "body") for body in physics.model.geom_bodyid]
         self._robot = np.array([name.startswith("franka/") for name in names])
         self._hand = self._robot & [name.endswith(("finger", "hand")) for name in names]
-        bodies = [_body(built.props[name], part).full_identifier for name, part in built.parts]
-        self._of_part = np.array([[name == body for name in names] for body in bodies])
+        self._touchable = np.array([_may_touch(built.props[name], part, names) for name, part in built.parts])
         self._all = np.ones_like(self._robot)
         # The arm lags behind what is planned; the fingers must come near.
         fingers = np.array([name.endswith("finger") for name in names])
@@ -330,7 +332,7 @@ class _Kitchen:
                 if (planned.knots < POSITION_LOW[ARM]).any() or (planned.knots > POSITION_HIGH[ARM]).any():
                     continue
                 _, touches = self.path(HOME[ARM], planned.knots[0], target, opening)
-                touches += self._touches(list(planned.knots), target, opening, ~self._of_part[target.index])
+                touches += self._touches(list(planned.knots), target, opening, ~self._touchable[target.index])
                 touches += self._touches([planned.knots[-1]] * 2, target, float(target.opens), self._all & ~self._hand)
                 found.append((touches, motion))
                 if sum(count == 0 for count, _ in found) == _ALTERNATIVES or len(found) == _TRIED:
@@ -391,7 +393,10 @@ class _Kitchen:
             if part.kind != "door":
                 return
         position, axis = self.slots.opened[target.index] * opening, self.slots.axis[target.index]
-        for seed, skill in itertools.product((_tuck(_TUCKS[0]), *_SEEDS), self._skills(part, target, float(position))):
+        pairs = list(itertools.product((_tuck(_TUCKS[0]), *_SEEDS), self._skills(part, target, float(position))))
+        # After the usual ones, those that differ from them in all respects.
+        others = np.random.default_rng(0).permutation(np.arange(_USUAL, len(pairs)))
+        for seed, skill in (pairs[i] for i in (*range(_USUAL), *others)):
             if not turns_hand:
                 skill = skill.with_orientation(AT_RESET)
             moved = np.array([position]) if isinstance(skill.object_joint, Revolute) else axis * position
@@ -559,10 +564,16 @@ def _default_handles() -> dict[str, Array]:
     return {task: np.array(physics.bind(goal.handle_in(scene())).xpos) for task, goal in GOALS.items()}
 
 
-def _body(prop: Prop, part: Part) -> mjcf.Element:
-    """Returns the body of a part."""
-    model = prop.mjcf_model
-    return model.find("joint", part.joint).parent if part.joint else model.find("site", part.handle).parent
+def _may_touch(prop: Prop, part: Part, bodies: list[str]) -> NDArray[np.bool_]:
+    """Returns which geoms, of bodies of these names, the hand may touch when it moves a part.
+
+    The geoms of the part, for one of the kitchen all of its prop, and for the kettle, which stands on the oven, any.
+    """
+    if part.joint is None:
+        return np.ones(len(bodies), bool)
+    joint = prop.mjcf_model.find("joint", part.joint)
+    prefix = joint.parent.full_identifier if part.twin is None else f"{prop.mjcf_model.model}/"
+    return np.array([body.startswith(prefix) for body in bodies])
 
 
 @functools.lru_cache(maxsize=64)
