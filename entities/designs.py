@@ -326,7 +326,7 @@ class _Grammar:
         style, has_oven = self._choice(tuple(STYLES)), self._generator.random() < 0.4
         height = self._number(1.58, 1.62) if has_oven else self._number(1.8, 1.86)
         rows = [*(self._oven_wall(height) if has_oven else self._cabinet_wall(height))]
-        near = 0.45 if has_oven else rows[0].distance - 0.1
+        near = 0.48 if has_oven else rows[0].distance - 0.03
         for side in ("left", "right"):
             rows += self._beside(side, near, 0.0 if has_oven else 0.25)
         kettle = has_oven and self._generator.random() < 0.85
@@ -373,21 +373,21 @@ class _Grammar:
 
         `base` is the probability of a base cabinet, whose fronts are out of reach below low counters.
         """
-        distance = self._number(0.62, 0.68)
         kind = self._choice(("", "tall", "base"), (0.65 - base, 0.35, base))
         if not kind:
             return
-        width = self._number(0.36, 0.42)
-        # A door hinged near the robot on the left would swing into the arm at the start.
-        hinge = "right" if side == "left" else self._choice(("left", "right"))
-        fixture = (
-            self._tall(width, hinge)
-            if kind == "tall"
-            else self._parametric(self._choice(("drawers", "base_doors"), (0.6, 0.4)), width)
-        )
+        width, distance = self._number(0.36, 0.42), self._number(0.64, 0.7)
+        if kind == "tall":
+            fixture = FixtureDesign(kind="tall_door", width=width, handle=self._handle)
+        else:
+            fixture, end = self._parametric(self._choice(("drawers", "base_doors"), (0.6, 0.4)), width), end - 0.07
+            distance -= 0.04
+        if fixture.kind != "drawers":
+            # A door hinged at the end that is near the robot can be pushed shut.
+            fixture = dataclasses.replace(fixture, hinge=side)
         # The right end of a row on the left, and the left end of one on the right, is before the robot.
         start = end - width if side == "left" else -end
-        yield Row(side=side, level=kind, distance=distance, start=round(start, 3), fixtures=(fixture,))
+        yield Row(side=side, level=kind, distance=round(distance, 3), start=round(start, 3), fixtures=(fixture,))
 
     def _fixtures(
         self, kinds: Sequence[str], weights: Sequence[float], width: float, once: Sequence[str]
@@ -436,9 +436,6 @@ class _Grammar:
                 return FixtureDesign(
                     kind=kind, width=width, height=height, count=count, handle=self._handle, hinge=hinge
                 )
-
-    def _tall(self, width: float, hinge: str) -> FixtureDesign:
-        return FixtureDesign(kind="tall_door", width=width, handle=self._handle, hinge=hinge)
 
     def _number(self, low: float, high: float) -> float:
         return round(float(self._generator.uniform(low, high)), 3)
