@@ -49,7 +49,7 @@ LEVELS = ("base", "counter", "wall", "tall")
 MAX_PARTS = 16
 
 # Bounds of numbers of a design [m].
-_COUNTER_HEIGHT, _DISTANCE, _START, _HEIGHT, _GAP = (1.5, 1.8), (0.0, 1.0), (-1.5, 1.5), (1.4, 2.7), (0.0, 1.0)
+_COUNTER_HEIGHT, _DISTANCE, _START, _HEIGHT, _GAP = (1.5, 1.9), (0.0, 1.0), (-1.5, 1.5), (1.4, 2.7), (0.0, 1.0)
 
 # Depth up to which fixtures may overlap, such as by rounding [m].
 _OVERLAP = 0.004
@@ -334,11 +334,11 @@ class _Grammar:
     def design(self, name: str) -> KitchenDesign:
         """Returns a design, which need not be possible."""
         style, has_oven = self._choice(tuple(STYLES)), self._generator.random() < 0.4
-        height = self._number(1.58, 1.62) if has_oven else self._number(1.74, 1.8)
+        height = self._number(1.58, 1.62) if has_oven else self._number(1.8, 1.86)
         rows = [*(self._oven_wall(height) if has_oven else self._cabinet_wall(height))]
-        near = 0.3 if has_oven else rows[0].distance - 0.03
+        near = 0.48 if has_oven else rows[0].distance - 0.03
         for side in ("left", "right"):
-            rows += self._beside(side, near)
+            rows += self._beside(side, near, 0.0 if has_oven else 0.25)
         kettle = has_oven and self._generator.random() < 0.85
         return KitchenDesign(counter_height=height, style=style, rows=tuple(rows), kettle=kettle, name=name)
 
@@ -354,21 +354,21 @@ class _Grammar:
                 side="back", level="wall", distance=round(0.571 + y, 3), start=round(-0.502 + x, 3),
                 height=round(counter + 0.564, 3), fixtures=(FixtureDesign(kind="hood"),),
             )  # fmt: skip
-        yield from self._wall_row(counter + self._number(0.81, 0.84), 0.67 + y, 1.3, -0.65 + x)
+        yield from self._wall_row(counter + self._number(0.81, 0.84), 0.67 + y, 1.2, -0.6 + x)
 
     def _cabinet_wall(self, counter: float) -> Iterator[Row]:
         """Yields cabinets below a counter, what stands on it, and cabinets above it."""
-        distance, width = self._number(0.45, 0.52), self._number(1.2, 1.5)
+        distance, width = self._number(0.45, 0.52), self._number(1.1, 1.3)
         start = -width / 2 + self._number(-0.1, 0.1)
         base = self._fixtures(("drawers", "base_doors", "stove"), (0.4, 0.25, 0.35), width, once=("stove",))
         yield Row(side="back", level="base", distance=distance, start=round(start, 3), fixtures=base)
         if self._generator.random() < 0.35:
-            left = self._choice((-0.75, 0.05))
+            left = self._number(-0.78, -0.66)
             yield Row(
                 side="back", level="counter", distance=round(distance + 0.05, 3), start=left,
                 fixtures=(FixtureDesign(kind="microwave"),),
             )  # fmt: skip
-        yield from self._wall_row(counter + self._number(0.45, 0.55), distance + self._number(0.03, 0.08), width, start)
+        yield from self._wall_row(counter + self._number(0.42, 0.5), distance + self._number(0.03, 0.08), width, start)
 
     def _wall_row(self, height: float, distance: float, width: float, start: float) -> Iterator[Row]:
         kinds = ("wall_doors", "wall_sliding", "hinge_cabinet", "slide_cabinet")
@@ -378,21 +378,26 @@ class _Grammar:
             fixtures=fixtures,
         )  # fmt: skip
 
-    def _beside(self, side: str, end: float) -> Iterator[Row]:
-        """Yields what stands on a side of the robot, up to a distance before it [m]; nothing, most often."""
-        distance = self._number(0.55, 0.65)
-        kind = self._choice(("", "tall", "base"), (0.5, 0.25, 0.25))
+    def _beside(self, side: str, end: float, base: float) -> Iterator[Row]:
+        """Yields what stands on a side of the robot, up to a distance before it [m]; nothing, most often.
+
+        `base` is the probability of a base cabinet, whose fronts are out of reach below low counters.
+        """
+        kind = self._choice(("", "tall", "base"), (0.65 - base, 0.35, base))
         if not kind:
             return
-        width = self._number(0.4, 0.5)
-        fixture = (
-            self._tall(width)
-            if kind == "tall"
-            else self._parametric(self._choice(("drawers", "base_doors"), (0.6, 0.4)), width)
-        )
+        width, distance = self._number(0.36, 0.42), self._number(0.64, 0.7)
+        if kind == "tall":
+            fixture = FixtureDesign(kind="tall_door", width=width, handle=self._handle)
+        else:
+            fixture, end = self._parametric(self._choice(("drawers", "base_doors"), (0.6, 0.4)), width), end - 0.07
+            distance -= 0.04
+        if fixture.kind != "drawers":
+            # A door hinged at the end that is near the robot can be pushed shut.
+            fixture = dataclasses.replace(fixture, hinge=side)
         # The right end of a row on the left, and the left end of one on the right, is before the robot.
         start = end - width if side == "left" else -end
-        yield Row(side=side, level=kind, distance=distance, start=round(start, 3), fixtures=(fixture,))
+        yield Row(side=side, level=kind, distance=round(distance, 3), start=round(start, 3), fixtures=(fixture,))
 
     def _fixtures(
         self, kinds: Sequence[str], weights: Sequence[float], width: float, once: Sequence[str]
@@ -406,6 +411,9 @@ class _Grammar:
             )
             fixture = self._parametric(self._choice(kinds, allowed / allowed.sum()), min(width, self._number(0.4, 0.7)))
             taken = KINDS[fixture.kind].extent(fixture).width
+            if fixture.kind == "slide_cabinet" and not fixtures:
+                # Its handle, at its left end, would be too far to the left.
+                fixture, taken = dataclasses.replace(fixture, gap=0.3), taken + 0.3
             if taken > width + 0.05:
                 if allowed.astype(bool).sum() == 1:
                     break
@@ -441,9 +449,6 @@ class _Grammar:
                     kind=kind, width=width, height=height, count=count, handle=self._handle, hinge=hinge
                 )
 
-    def _tall(self, width: float) -> FixtureDesign:
-        return FixtureDesign(kind="tall_door", width=width, handle=self._handle, hinge=self._choice(("left", "right")))
-
     def _number(self, low: float, high: float) -> float:
         return round(float(self._generator.uniform(low, high)), 3)
 
@@ -452,7 +457,7 @@ class _Grammar:
 
 
 # Height of the fronts of drawers with their worktop, by their number [m].
-WORKTOP_AND_DRAWERS = {1: 0.2, 2: 0.31}
+WORKTOP_AND_DRAWERS = {1: 0.18, 2: 0.28}
 
 
 def _split_of(design: KitchenDesign) -> str:

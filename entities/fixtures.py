@@ -34,7 +34,7 @@ PANEL, WORKTOP = 0.02, 0.03
 CLEARANCE, BAR_RADIUS, BAR_HALF_LENGTH, KNOB_RADIUS = 0.06, 0.01, 0.06, 0.018
 
 # Distance of a door's handle from its free edge, and from its upper or lower edge [m].
-EDGE, CORNER = 0.05, 0.12
+EDGE, CORNER = 0.05, 0.1
 
 # Greatest travel of drawers and doors [m, rad].
 _DRAWER_TRAVEL, _SLIDING_TRAVEL, _DOOR_TRAVEL = 0.3, 0.26, 1.57
@@ -401,9 +401,8 @@ class Stove(Fixture):
             handle=f"{name}_handle",
             opened=KNOB_ANGLE,
             words=_numbered("knob", number, count, ("left", "middle", "right")),
-            twin="bottom burner",
         )
-        self._add_part(part, body, type="hinge", axis=(0, 0, 1), range=(-1.57, 0), damping=2)
+        self._add_part(part, body, type="hinge", axis=(0, 0, 1), range=(-1.57, 0), damping=0.4, frictionloss=0.1)
         shapes = (
             ("bar", {"type": "box", "pos": (0, 0, 0.038), "size": (0.014, 0.048, 0.018)}, "dark"),
             ("disc", {"type": "cylinder", "pos": (0, 0, 0.013), "size": (0.05, 0.008)}, "steel"),

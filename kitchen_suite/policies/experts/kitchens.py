@@ -10,10 +10,12 @@ import mink
 import mujoco
 import numpy as np
 from dm_control import mjcf
+from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.designs import KitchenDesign, build_generated_kitchen
 from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
+from kitchen_suite.entities.props import Prop
 from kitchen_suite.names import REVERSES
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
@@ -50,7 +52,7 @@ from kitchen_suite.policies.experts.trajectories import (
     plan_retreat,
 )
 from kitchen_suite.tasks.control_modes.modes import make_mode
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
+from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchens.mdp import CLOSED as CLOSED_OPENING
 from kitchen_suite.tasks.kitchens.mdp import OPEN as OPEN_OPENING
@@ -70,9 +72,9 @@ _SETTLE_STEPS = 6
 _BESIDE, _ALONG = 0.05, BAR_RADIUS + 0.02
 
 # Distances of the site from a bar: far, near, at the grasp [m].
-_DISTANCES = (0.15, 0.08, 0.015)
+_DISTANCES, _KNOB_DISTANCES = (0.15, 0.08, 0.015), (0.15, 0.1, 0.04)
 
-# Pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the kitchen's skills [rad] that are tried,
+# Pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the kitchen's skills [rad], that are tried,
 # the usual ones first.
 _PITCHES = tuple(np.radians([-10.0, 15.0, -35.0, 40.0, -60.0]).tolist())
 _YAWS = tuple(np.radians([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
@@ -85,9 +87,12 @@ _RATIOS = (-0.2, 0.4)
 # Share of a door's arc that the hand must be able to follow.
 _ENOUGH_OF_ARC = 0.85
 
-# Number of motions that are found for a task, to be tried one after the other, and of those on which the arm touches
-# something, after which no others are looked for.
+# Number of motions that are kept for a task, to be tried one after the other, and of those that are looked for unless
+# as many are free of contacts.
 _ALTERNATIVES, _TRIED = 3, 12
+
+# Number of motions that are tried in the usual order.
+_USUAL = 6
 
 # Tasks of the kitchen that undo others.
 _UNDOES = {task: reverse for reverse, task in REVERSES.items()}
@@ -106,11 +111,17 @@ _SEEDS = (
 # end they turn it [rad].
 _LEVER, _BACK_BEYOND = 0.03, 0.4
 
-# Place of the hand near the robot, before it turns [m].
-_TUCKED = (-0.33, 0.1, 2.05)
+# How much further than in the kitchen, whose goal is nearer, the hand pushes the kettle [m].
+_KETTLE_FURTHER = 0.05
+
+# Places of the hand near the robot, before it turns [m].
+_TUCKS = ((-0.33, 0.1, 2.05), (-0.25, 0.08, 2.2))
 
 # Control steps in which the hand comes to rest before a part.
 _REST_STEPS = 3
+
+# Distance that counts as a contact of arm and hand, but for the fingers [m].
+_MARGIN = 0.012
 
 # Spacing of the joint positions at which a path is checked for collisions [rad].
 _CHECKED = 0.12
@@ -203,7 +214,7 @@ class PartExpert(Expert):
         self._skill = motion.skill
         count = sum(isinstance(move, Move) and move.in_free_space for move in motion.skill.moves)
         planned = motion.planned(self._kinematics, self._limits, self._draw_offsets(count))
-        path = self._kitchen.path(trajectory.knots[-1], planned.knots[0], self._present)
+        path, _ = self._kitchen.path(trajectory.knots[-1], planned.knots[0], target, opening)
         for joints in path:
             trajectory = trajectory.then(JointTrajectory.stationary(joints, OPEN), self._limits)
         return trajectory.then(planned, self._limits)
@@ -213,17 +224,17 @@ class PartExpert(Expert):
 
 
 @functools.cache
-def _tuck() -> tuple[float, ...]:
-    """Joint positions with the hand near the robot [rad]."""
+def _tuck(place: Vector) -> tuple[float, ...]:
+    """Joint positions with the hand at a place near the robot [rad]."""
     kinematics = arm_model().kinematics
     rotation = kinematics.forward(HOME[ARM]).rotation()
-    pose = mink.SE3.from_rotation_and_translation(rotation, np.array(_TUCKED))
+    pose = mink.SE3.from_rotation_and_translation(rotation, np.array(place))
     return tuple(kinematics.inverse(pose, start=HOME[ARM]).tolist())
 
 
-def _tucked(joints: Array) -> Array:
+def _tucked(joints: Array, place: Vector) -> Array:
     """Joint positions `(7,)` with the hand near the robot, in the direction in which it is at others `(7,)` [rad]."""
-    return np.array(_aimed(_tuck(), arm_model().kinematics.forward(joints).translation()))
+    return np.array(_aimed(_tuck(place), arm_model().kinematics.forward(joints).translation()))
 
 
 class Motion(NamedTuple):
@@ -281,13 +292,15 @@ class _Kitchen:
         sensors = SlotSensors(built)
         sensors.bind(physics)
         self._columns = sensors.columns
-        # Geoms of the arm, of hand and fingers, and of the whole robot.
+        # Geoms of the robot, of hand and fingers, and those that the hand may touch when it moves a part.
         names = [physics.model.id2name(body, "body") for body in physics.model.geom_bodyid]
-        of_robot = [name.startswith("franka/") for name in names]
-        of_hand = [name.endswith(("finger", "hand")) for name in names]
-        self._robot = np.array(of_robot)
-        self._hand = self._robot & of_hand
-        self._arm = self._robot & ~self._hand
+        self._robot = np.array([name.startswith("franka/") for name in names])
+        self._hand = self._robot & [name.endswith(("finger", "hand")) for name in names]
+        self._touchable = np.array([_may_touch(built.props[name], part, names) for name, part in built.parts])
+        self._all = np.ones_like(self._robot)
+        # The arm lags behind what is planned; the fingers must come near.
+        fingers = np.array([name.endswith("finger") for name in names])
+        physics.model.geom_margin[self._robot & ~fingers] = _MARGIN
         self._motions: dict[tuple[Target, float, bool, JointSpeedLimits], list[Motion]] = {}
 
     def find(self, row: Array) -> Target:
@@ -303,11 +316,11 @@ class _Kitchen:
     def motions(self, target: Target, opening: float, turns_hand: bool, limits: JointSpeedLimits) -> list[Motion]:
         """Returns motions for a part at an opening that the arm can follow, at most three; the best one if none is.
 
-        Those come first on which the arm touches nothing but the part.
+        Those come first on which the robot touches the least, but for the part.
         """
         key = target, opening, turns_hand, limits
         if key not in self._motions:
-            kinematics, best, free, others = arm_model().kinematics, None, [], []
+            kinematics, best, found = arm_model().kinematics, None, []
             for motion in self._candidates(target, opening, turns_hand):
                 if best is not None and not motion.is_near(kinematics):
                     continue
@@ -317,12 +330,17 @@ class _Kitchen:
                     best = badness, motion
                 if planned.position_error > OUT_OF_REACH or planned.arc_share < _ENOUGH_OF_ARC:
                     continue
-                way = [*self.path(HOME[ARM], planned.knots[0], target), *planned.knots]
-                (free if self._is_free(way, target, opening) else others).append(motion)
-                if len(free) == _ALTERNATIVES or len(others) == _TRIED:
+                if (planned.knots < POSITION_LOW[ARM]).any() or (planned.knots > POSITION_HIGH[ARM]).any():
+                    continue
+                _, touches = self.path(HOME[ARM], planned.knots[0], target, opening)
+                touches += self._touches(list(planned.knots), target, opening, ~self._touchable[target.index])
+                touches += self._touches([planned.knots[-1]] * 2, target, float(target.opens), self._all & ~self._hand)
+                found.append((touches, motion))
+                if sum(count == 0 for count, _ in found) == _ALTERNATIVES or len(found) == _TRIED:
                     break
             assert best is not None, "there is at least one candidate"
-            self._motions[key] = [*free, *others][:_ALTERNATIVES] or [best[1]]
+            ordered = [motion for _, motion in sorted(found, key=lambda each: each[0])]
+            self._motions[key] = ordered[:_ALTERNATIVES] or [best[1]]
         return self._motions[key]
 
     def reaches(self, target: Target, limits: JointSpeedLimits) -> bool:
@@ -330,27 +348,37 @@ class _Kitchen:
         motion = self.motions(target, 0.0 if target.opens else 1.0, True, limits)[0]
         return motion.planned(arm_model().kinematics, limits).position_error <= OUT_OF_REACH
 
-    def path(self, start: Array, end: Array, target: Target) -> list[Array]:
-        """Returns joint positions on the way from one `(7,)` to another: by places near the robot, unless they touch."""
-        tucked = [_tucked(start), _tucked(end)]
-        if self._is_free([start, *tucked, end], target, 0.0, with_hand=True):
-            return tucked
-        return [] if self._is_free([start, end], target, 0.0, with_hand=True) else tucked
+    def path(self, start: Array, end: Array, target: Target, opening: float) -> tuple[list[Array], int]:
+        """Returns joint positions on the way from one `(7,)` to another on which the robot touches the least.
 
-    def _is_free(self, knots: list[Array], target: Target, opening: float, *, with_hand: bool = False) -> bool:
-        """Whether the arm touches no fixture at joint positions `(7,)` and between them.
+        Also returns at how many joint positions it touches something. The way goes by places near the robot, if it can.
+        """
+        best: tuple[list[Array], int] | None = None
+        for tuck in _TUCKS:
+            near = [_tucked(start, tuck), _tucked(end, tuck)]
+            for path in (near, near[:1], near[1:], []):
+                touches = self._touches([start, *path, end], target, opening, self._all)
+                if best is None or touches < best[1]:
+                    best = path, touches
+                if not touches:
+                    return best
+        assert best is not None
+        return best
+
+    def _touches(self, knots: list[Array], target: Target, opening: float, among: NDArray[np.bool_]) -> int:
+        """Returns at how many joint positions, `(7,)` and between them, the robot touches something or itself.
 
         Args:
           knots: the joint positions.
-          target: part that may be touched; it is at an opening.
+          target: part that is at an opening; all others are closed.
           opening: of the part.
-          with_hand: whether fingers and hand may touch nothing either.
+          among: `(geoms,)`, whether contacts of a geom count.
         """
         model, data = self._physics.model.ptr, self._data
         data.qpos[:] = model.qpos0
         if self.parts[target.index].joint is not None:
             data.qpos[self._columns[target.index]] = self.slots.opened[target.index] * opening
-        moving = self._arm | self._hand if with_hand else self._arm
+        touches = 0
         for start, end in itertools.pairwise(knots):
             count = max(1, int(np.ceil(np.abs(end - start).max() / _CHECKED)))
             for share in np.arange(1, count + 1) / count:
@@ -358,19 +386,23 @@ class _Kitchen:
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
                 mujoco.mj_collision(model, data)
-                pairs = data.contact.geom[: data.ncon][data.contact.dist[: data.ncon] < 0.0]
-                touches = moving[pairs].any(axis=1) & ~self._robot[pairs].all(axis=1)
-                if touches.any():
-                    return False
-        return True
+                pairs, distances = data.contact.geom[: data.ncon], data.contact.dist[: data.ncon]
+                of_robot = self._robot[pairs].any(axis=1) & ~self._hand[pairs].all(axis=1)
+                near = distances < np.where(self._robot[pairs].all(axis=1), 0.0, _MARGIN)
+                touches += bool((of_robot & near & among[pairs].all(axis=1)).any())
+        return touches
 
     def _candidates(self, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
         part = self.parts[target.index]
         if part.twin is not None:
             yield from self._twins(part, target, opening, turns_hand)
-            return
+            if part.kind != "door":
+                return
         position, axis = self.slots.opened[target.index] * opening, self.slots.axis[target.index]
-        for seed, skill in itertools.product((_tuck(), *_SEEDS), self._skills(part, target, float(position))):
+        pairs = list(itertools.product((_tuck(_TUCKS[0]), *_SEEDS), self._skills(part, target, float(position))))
+        # After the usual ones, those that differ from them in all respects.
+        others = np.random.default_rng(0).permutation(np.arange(_USUAL, len(pairs)))
+        for seed, skill in (pairs[i] for i in (*range(_USUAL), *others)):
             if not turns_hand:
                 skill = skill.with_orientation(AT_RESET)
             moved = np.array([position]) if isinstance(skill.object_joint, Revolute) else axis * position
@@ -389,11 +421,17 @@ class _Kitchen:
         if part.joint is None:
             assert isinstance(skill.object_joint, Prismatic)
             position = np.array(skill.object_joint.initial_position) + (0.0, part.opened * opening, 0.0)
+            *moves, last = skill.moves
+            assert isinstance(last, Move)
+            further = dataclasses.replace(last, position=_vector(np.add(last.position, (0.0, _KETTLE_FURTHER, 0.0))))
+            skill = dataclasses.replace(skill, moves=(*moves, further))
         if not turns_hand:
             skill = skill.with_orientation(AT_RESET)
         if part.kind == "knob":
             x, _, height = handle
-            for seed, yaw, pitch in itertools.product((*_SEEDS[:1], _tuck(), *_SEEDS[1:]), _KNOB_YAWS, _KNOB_PITCHES):
+            for seed, yaw, pitch in itertools.product(
+                (*_SEEDS[:1], _tuck(_TUCKS[0]), *_SEEDS[1:]), _KNOB_YAWS, _KNOB_PITCHES
+            ):
                 hand = HandOrientation(approach=direction(yaw, pitch), spread=DOWN) if turns_hand else AT_RESET
                 aimed = _aimed(seed, self.slots.position[k])
                 if target.opens:
@@ -426,12 +464,17 @@ class _Kitchen:
                     case "door", True:
                         for ratio in _RATIOS:
                             yield _swing(handle, self.slots.anchor[k], axis, into, level, opened * _PULLED, ratio)
+                    case "knob", _:
+                        angle = opened * _PULLED if target.opens else 0.0
+                        yield _swing(handle, self.slots.anchor[k], axis, into, level, angle, 1.0, _KNOB_DISTANCES)
                     case "door", False:
                         side = np.sign(opened) * right
                         for share in (1.0, 0.5):
                             turned = mink.SO3.exp(-share * position * axis)
                             hand = HandOrientation.from_rotation(turned @ upright.rotation)
                             yield _shut(handle, self.slots.anchor[k], axis, into, hand, side)
+                        for ratio in _RATIOS:
+                            yield _swing(handle, self.slots.anchor[k], axis, into, level, 0.0, ratio)
                     case _:
                         way = axis * np.sign(opened)
                         distance = abs(opened) * _PULLED - abs(position) if target.opens else -abs(position) - 0.01
@@ -454,10 +497,17 @@ def _push_drawer(handle: Array, into: Array, hand: HandOrientation, distance: fl
 
 
 def _swing(
-    handle: Array, anchor: Array, axis: Array, into: Array, hand: HandOrientation, angle: float, ratio: float
+    handle: Array,
+    anchor: Array,
+    axis: Array,
+    into: Array,
+    hand: HandOrientation,
+    angle: float,
+    ratio: float,
+    distances: Vector = _DISTANCES,
 ) -> Skill:
-    """Skill that grasps the bar of a door and swings the door to an angle [rad]."""
-    moves = grasp(_vector(handle), hand, _DISTANCES, settle_steps=4)
+    """Skill that grasps the bar of a door or of a knob and swings it to an angle [rad]."""
+    moves = grasp(_vector(handle), hand, distances, settle_steps=4)
     arc = ArcMove(angle=angle, hand_rotation_ratio=ratio, speed=1.0)
     return _skill((*moves, arc), _hinge(anchor, axis), retreat=-0.1 * into, release_steps=3)
 
@@ -520,6 +570,18 @@ def _default_handles() -> dict[str, Array]:
     """Positions of the handles in the original kitchen by task [m]."""
     physics = mjcf.Physics.from_mjcf_model(scene().arena.mjcf_model)
     return {task: np.array(physics.bind(goal.handle_in(scene())).xpos) for task, goal in GOALS.items()}
+
+
+def _may_touch(prop: Prop, part: Part, bodies: list[str]) -> NDArray[np.bool_]:
+    """Returns which geoms, of bodies of these names, the hand may touch when it moves a part.
+
+    The geoms of the part, for one of the kitchen all of its prop, and for the kettle, which stands on the oven, any.
+    """
+    if part.joint is None:
+        return np.ones(len(bodies), bool)
+    joint = prop.mjcf_model.find("joint", part.joint)
+    prefix = joint.parent.full_identifier if part.twin is None else f"{prop.mjcf_model.model}/"
+    return np.array([body.startswith(prefix) for body in bodies])
 
 
 @functools.lru_cache(maxsize=64)
