@@ -22,7 +22,7 @@ from kitchen_suite.entities.props import Microwave, Prop
 from kitchen_suite.names import EXACT, FAST, PHYSICS
 
 # Radius of the pedestal in generated kitchens [m].
-_PEDESTAL_RADIUS = 0.07
+_PEDESTAL_RADIUS = 0.05
 
 # Height of the floor of generated kitchens [m]: their counters are 0.9 m above it.
 FLOOR = 0.82

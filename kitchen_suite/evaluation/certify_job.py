@@ -21,7 +21,7 @@ from kitchen_suite.tasks.kitchens.certificates import Certificate
 from kitchen_suite.tasks.variations.layouts import CLEARANCE_TOLERANCE, Clearance
 from kitchen_suite.vector_env.base import processors
 
-# Props that are in each other as in the original kitchen: the hood is in the back of the oven, on which a kettle stands.
+# Props that are in each other as in the original kitchen: the oven has the hood in its back, and a kettle on it.
 _TOGETHER = ("oven_1", "hood_1", "kettle")
 
 

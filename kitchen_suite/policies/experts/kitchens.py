@@ -74,8 +74,8 @@ _BESIDE, _ALONG = 0.05, BAR_RADIUS + 0.02
 # Distances of the site from a bar: far, near, at the grasp [m].
 _DISTANCES, _KNOB_DISTANCES = (0.15, 0.08, 0.015), (0.15, 0.1, 0.04)
 
-# Pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the kitchen's skills [rad], that are tried,
-# the usual ones first.
+# What is tried, the usual ones first: pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the
+# kitchen's skills [rad].
 _PITCHES = tuple(np.radians([-10.0, 15.0, -35.0, 40.0, -60.0]).tolist())
 _YAWS = tuple(np.radians([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
 _KNOB_PITCHES, _KNOB_YAWS = (-22.0, -10.0, -35.0, 5.0, -50.0), (4.0, 15.0, 30.0, -8.0)
@@ -97,8 +97,8 @@ _USUAL = 6
 # Tasks of the kitchen that undo others.
 _UNDOES = {task: reverse for reverse, task in REVERSES.items()}
 
-# Joint positions from which inverse kinematics starts [rad], the first joint turned towards the handle. The last two were
-# found by search: with them the hand reaches nearly all places that it reaches from any start.
+# Joint positions from which inverse kinematics starts [rad], the first joint turned towards the handle. The last two
+# were found by search: with them the hand reaches nearly all places that it reaches from any start.
 _SEEDS = (
     *(SKILLS[task].ik_seed for task in ("top burner", "kettle")),
     # The first of these with the elbow on the other side.
