@@ -107,8 +107,8 @@ _SEEDS = (
     (1.87, 1.02, -2.15, -2.41, 1.16, 0.47, -2.34),
 )
 
-# Distance to the right of a knob's centre and above it at which the finger tips push its bar [m], and how far beyond its
-# end they turn it [rad].
+# Distance to the right of a knob's centre and above it at which the finger tips push its bar [m], and how far beyond
+# its end they turn it [rad].
 _LEVER, _BACK_BEYOND = 0.03, 0.4
 
 # How much further than in the kitchen, whose goal is nearer, the hand pushes the kettle [m].
@@ -420,7 +420,7 @@ class _Kitchen:
         position = np.array([self.slots.opened[k] * opening])
         if part.joint is None:
             assert isinstance(skill.object_joint, Prismatic)
-            position = np.array(skill.object_joint.initial_position) + (0.0, part.opened * opening, 0.0)
+            position = np.add(skill.object_joint.initial_position, (0.0, part.opened * opening, 0.0))
             *moves, last = skill.moves
             assert isinstance(last, Move)
             further = dataclasses.replace(last, position=_vector(np.add(last.position, (0.0, _KETTLE_FURTHER, 0.0))))
@@ -522,7 +522,7 @@ def _shut(handle: Array, anchor: Array, axis: Array, into: Array, hand: HandOrie
 
 def _turn_back(handle: Array, hand: HandOrientation) -> Skill:
     """Skill that turns a knob off by pushing the upper end of its bar to the left, from where it stands when off."""
-    tip = handle + (_LEVER, 0.01, _LEVER)
+    tip = np.add(handle, (_LEVER, 0.01, _LEVER))
     tips = [_vector(tip - (0.0, 0.07, 0.0)), _vector(tip)]
     moves = (*push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0))
     return _skill(moves, _hinge(handle, np.array(BACK)), retreat=np.array([0.0, -0.04, 0.0]))
