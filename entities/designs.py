@@ -399,7 +399,9 @@ class _Grammar:
             allowed = np.array(
                 [0.0 if kind in once and kind in used else weight for kind, weight in zip(kinds, weights, strict=True)]
             )
-            fixture = self._parametric(self._choice(kinds, allowed / allowed.sum()), min(width, self._number(0.35, 0.7)))
+            fixture = self._parametric(
+                self._choice(kinds, allowed / allowed.sum()), min(width, self._number(0.35, 0.7))
+            )
             taken = KINDS[fixture.kind].extent(fixture).width
             if fixture.kind == "slide_cabinet" and not fixtures:
                 # Its handle, at its left end, would be too far to the left.
@@ -425,7 +427,9 @@ class _Grammar:
                 height = round(WORKTOP_AND_DRAWERS[count] + self._number(0.0, 0.04), 3)
                 return FixtureDesign(kind=kind, width=width, height=height, count=count, handle=self._handle)
             case "stove":
-                return FixtureDesign(kind=kind, width=width, height=0.5, count=self._choice((2, 3, 4)[: int(8 * (width - 0.1)) - 1]))
+                return FixtureDesign(
+                    kind=kind, width=width, height=0.5, count=self._choice((2, 3, 4)[: int(8 * (width - 0.1)) - 1])
+                )
             case "wall_sliding":
                 height, hinge = self._number(0.35, 0.4), self._choice(("left", "right"))
                 return FixtureDesign(kind=kind, width=width, height=height, handle=self._handle, hinge=hinge)

@@ -74,8 +74,8 @@ _BESIDE, _ALONG = 0.05, BAR_RADIUS + 0.02
 # Distances of the site from a bar: far, near, at the grasp [m].
 _DISTANCES, _KNOB_DISTANCES = (0.15, 0.08, 0.015), (0.15, 0.1, 0.04)
 
-# Pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the kitchen's skills [rad], that are tried,
-# the usual ones first.
+# Pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the kitchen's skills [rad], that are
+# tried, the usual ones first.
 _PITCHES = tuple(np.radians([-10.0, 15.0, -35.0, 40.0, -60.0]).tolist())
 _YAWS = tuple(np.radians([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
 _KNOB_PITCHES, _KNOB_YAWS = (-22.0, -10.0, -35.0, 5.0, -50.0), (4.0, 15.0, 30.0, -8.0)
@@ -97,8 +97,8 @@ _USUAL = 6
 # Tasks of the kitchen that undo others.
 _UNDOES = {task: reverse for reverse, task in REVERSES.items()}
 
-# Joint positions from which inverse kinematics starts [rad], the first joint turned towards the handle. The last two were
-# found by search: with them the hand reaches nearly all places that it reaches from any start.
+# Joint positions from which inverse kinematics starts [rad], the first joint turned towards the handle. The last two
+# were found by search: with them the hand reaches nearly all places that it reaches from any start.
 _SEEDS = (
     *(SKILLS[task].ik_seed for task in ("top burner", "kettle")),
     # The first of these with the elbow on the other side.
@@ -107,8 +107,8 @@ _SEEDS = (
     (1.87, 1.02, -2.15, -2.41, 1.16, 0.47, -2.34),
 )
 
-# Distance to the right of a knob's centre and above it at which the finger tips push its bar [m], and how far beyond its
-# end they turn it [rad].
+# Distance to the right of a knob's centre and above it at which the finger tips push its bar [m], and how far beyond
+# its end they turn it [rad].
 _LEVER, _BACK_BEYOND = 0.03, 0.4
 
 # How much further than in the kitchen, whose goal is nearer, the hand pushes the kettle [m].
@@ -414,7 +414,7 @@ class _Kitchen:
         position = np.array([self.slots.opened[k] * opening])
         if part.joint is None:
             assert isinstance(skill.object_joint, Prismatic)
-            position = np.array(skill.object_joint.initial_position) + (0.0, part.opened * opening, 0.0)
+            position = np.add(skill.object_joint.initial_position, (0.0, part.opened * opening, 0.0))
             *moves, last = skill.moves
             assert isinstance(last, Move)
             further = dataclasses.replace(last, position=_vector(np.add(last.position, (0.0, _KETTLE_FURTHER, 0.0))))
@@ -423,7 +423,9 @@ class _Kitchen:
             skill = skill.with_orientation(AT_RESET)
         if part.kind == "knob":
             x, _, height = handle
-            for seed, yaw, pitch in itertools.product((*_SEEDS[:1], _tuck(_TUCKS[0]), *_SEEDS[1:]), _KNOB_YAWS, _KNOB_PITCHES):
+            for seed, yaw, pitch in itertools.product(
+                (*_SEEDS[:1], _tuck(_TUCKS[0]), *_SEEDS[1:]), _KNOB_YAWS, _KNOB_PITCHES
+            ):
                 hand = HandOrientation(approach=direction(yaw, pitch), spread=DOWN) if turns_hand else AT_RESET
                 aimed = _aimed(seed, self.slots.position[k])
                 if target.opens:
@@ -514,7 +516,7 @@ def _shut(handle: Array, anchor: Array, axis: Array, into: Array, hand: HandOrie
 
 def _turn_back(handle: Array, hand: HandOrientation) -> Skill:
     """Skill that turns a knob off by pushing the upper end of its bar to the left, from where it stands when off."""
-    tip = handle + (_LEVER, 0.01, _LEVER)
+    tip = np.add(handle, (_LEVER, 0.0, _LEVER))
     tips = [_vector(tip - (0.0, 0.07, 0.0)), _vector(tip)]
     moves = (*push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0))
     return _skill(moves, _hinge(handle, np.array(BACK)), retreat=np.array([0.0, -0.04, 0.0]))
