@@ -62,8 +62,8 @@ from kitchen_suite.tasks.kitchens.task import KitchensTask
 # Openings at which the expert leaves a part, some noise beyond those that count.
 _OPENED, _SHUT = OPEN_OPENING + 0.02, CLOSED_OPENING - 0.02
 
-# How far the hand takes a part, as an opening: what it pulls lags behind.
-_PULLED = 1.1
+# How far the hand takes a part, as an opening: what it pulls lags behind. How far beyond its stop it turns a knob off.
+_PULLED, _PRESSED = 1.1, 0.25
 
 # Control steps from the end of a trajectory to the failure of its task.
 _SETTLE_STEPS = 6
@@ -459,7 +459,7 @@ class _Kitchen:
                         for ratio in _RATIOS:
                             yield _swing(handle, self.slots.anchor[k], axis, into, level, opened * _PULLED, ratio)
                     case "knob", _:
-                        angle = opened * _PULLED if target.opens else 0.0
+                        angle = opened * (_PULLED if target.opens else -_PRESSED)
                         yield _swing(handle, self.slots.anchor[k], axis, into, level, angle, 1.0, _KNOB_DISTANCES)
                     case "door", False:
                         side = np.sign(opened) * right
