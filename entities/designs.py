@@ -354,7 +354,7 @@ class _Grammar:
                 side="back", level="wall", distance=round(0.571 + y, 3), start=round(-0.502 + x, 3),
                 height=round(counter + 0.564, 3), fixtures=(FixtureDesign(kind="hood"),),
             )  # fmt: skip
-        yield from self._wall_row(counter + self._number(0.81, 0.84), 0.67 + y, 1.2, -0.6 + x)
+        yield from self._wall_row(counter + self._number(0.81, 0.84), 0.67 + y, self._number(1.15, 1.3), -0.6 + x)
 
     def _cabinet_wall(self, counter: float) -> Iterator[Row]:
         """Yields cabinets below a counter, what stands on it, and cabinets above it."""
@@ -383,7 +383,7 @@ class _Grammar:
 
         `base` is the probability of a base cabinet, whose fronts are out of reach below low counters.
         """
-        kind = self._choice(("", "tall", "base"), (0.65 - base, 0.35, base))
+        kind = self._choice(("", "tall", "base"), (0.6 - base, 0.4, base))
         if not kind:
             return
         width, distance = self._number(0.36, 0.42), self._number(0.64, 0.7)
@@ -404,12 +404,14 @@ class _Grammar:
     ) -> tuple[FixtureDesign, ...]:
         """Returns fixtures side by side that fill a width [m], none of the kinds `once` twice."""
         fixtures: list[FixtureDesign] = []
-        while width >= 0.4:
+        while width >= 0.35:
             used = [fixture.kind for fixture in fixtures]
             allowed = np.array(
                 [0.0 if kind in once and kind in used else weight for kind, weight in zip(kinds, weights, strict=True)]
             )
-            fixture = self._parametric(self._choice(kinds, allowed / allowed.sum()), min(width, self._number(0.4, 0.7)))
+            fixture = self._parametric(
+                self._choice(kinds, allowed / allowed.sum()), min(width, self._number(0.35, 0.7))
+            )
             taken = KINDS[fixture.kind].extent(fixture).width
             if fixture.kind == "slide_cabinet" and not fixtures:
                 # Its handle, at its left end, would be too far to the left.

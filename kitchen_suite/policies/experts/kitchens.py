@@ -62,8 +62,8 @@ from kitchen_suite.tasks.kitchens.task import KitchensTask
 # Openings at which the expert leaves a part, some noise beyond those that count.
 _OPENED, _SHUT = OPEN_OPENING + 0.02, CLOSED_OPENING - 0.02
 
-# How far the hand takes a part, as an opening: what it pulls lags behind.
-_PULLED = 1.1
+# How far the hand takes a part, as an opening: what it pulls lags behind. How far beyond its stop it turns a knob off.
+_PULLED, _PRESSED = 1.1, 0.25
 
 # Control steps from the end of a trajectory to the failure of its task.
 _SETTLE_STEPS = 6
@@ -465,7 +465,7 @@ class _Kitchen:
                         for ratio in _RATIOS:
                             yield _swing(handle, self.slots.anchor[k], axis, into, level, opened * _PULLED, ratio)
                     case "knob", _:
-                        angle = opened * _PULLED if target.opens else 0.0
+                        angle = opened * (_PULLED if target.opens else -_PRESSED)
                         yield _swing(handle, self.slots.anchor[k], axis, into, level, angle, 1.0, _KNOB_DISTANCES)
                     case "door", False:
                         side = np.sign(opened) * right
@@ -522,7 +522,7 @@ def _shut(handle: Array, anchor: Array, axis: Array, into: Array, hand: HandOrie
 
 def _turn_back(handle: Array, hand: HandOrientation) -> Skill:
     """Skill that turns a knob off by pushing the upper end of its bar to the left, from where it stands when off."""
-    tip = np.add(handle, (_LEVER, 0.01, _LEVER))
+    tip = np.add(handle, (_LEVER, 0.0, _LEVER))
     tips = [_vector(tip - (0.0, 0.07, 0.0)), _vector(tip)]
     moves = (*push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0))
     return _skill(moves, _hinge(handle, np.array(BACK)), retreat=np.array([0.0, -0.04, 0.0]))
