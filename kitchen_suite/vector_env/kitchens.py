@@ -34,9 +34,11 @@ class KitchensVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
                 checked = KitchenDesign.make(each, split)
                 if checked not in made:
                     made[checked] = KitchensEnv(checked, split, **settings)
+                templates.append(made[checked])
+                if templates[-1].observation_space != templates[0].observation_space:
+                    raise ValueError("extra_observables have other sizes than in design[0]: leave them out")
             except (TypeError, ValueError) as error:
                 raise (ValueError if isinstance(error, ValueError) else TypeError)(f"design[{i}]: {error}") from error
-            templates.append(made[checked])
         return templates
 
     def _instructions_of_episodes(self) -> Sequence[tuple[str, ...]]:

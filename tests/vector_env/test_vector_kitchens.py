@@ -149,7 +149,7 @@ def test_where_a_simulation_diverges_only_its_own_episode_ends():
 @pytest.mark.rendering
 def test_pictures_are_those_of_each_kitchen():
     settings = {"obs_type": "pixels", "cameras": ["overview"], "image_size": (32, 48), **SEEN}
-    settings |= {"render_mode": "rgb_array", "width": 64, "height": 48}
+    settings |= {"render_mode": "rgb_array", "width": 64, "height": 48, "render_quality": "fast"}
     env, singles = many(3, **settings), alone(3, **settings)
     observations, _ = env.reset(seed=SEED)
     actions = np.ones(env.action_space.shape, np.float32)
@@ -191,6 +191,13 @@ def test_pictures_are_those_of_each_kitchen():
 def test_a_bad_design_of_several_is_named_by_its_place(design, error, message):
     with refused(error, message):
         many(2, design)
+
+
+def test_extra_observables_that_kitchens_do_not_share_are_refused():
+    with refused(ValueError, "design[1]: extra_observables have other sizes than in design[0]"):
+        many(2, [0, 3], extra_observables=["wall_doors_1/handle_positions"])
+    with refused(ValueError, "design[1]: extra observable 'kettle/pose' does not exist"):
+        many(2, [0, 7], extra_observables=["kettle/pose"])
 
 
 def test_environments_whose_robots_have_other_indices_are_refused():

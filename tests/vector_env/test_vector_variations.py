@@ -22,12 +22,14 @@ SETTINGS = {
     "kitchen": {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [-0.5]}},
     "open_cabinet": {"observation_noise": {"handle_offset": 0.01}},
     "microwave_table": {},
+    "kitchens": {"variations": ["start", "dynamics", "sensing", "camera", "push"]},
 }
 # A parameter of the start, and one of the model, in every domain.
 EXAMPLES = {
     "kitchen": ("hinge_cabinet/doors", "kettle/mass"),
     "open_cabinet": ("cabinet/door_left", "franka/pad_friction"),
     "microwave_table": ("microwave/door", "franka/gain_scale"),
+    "kitchens": ("franka/joint_offset", "franka/gain_scale"),
 }
 
 each_domain = pytest.mark.parametrize("domain", suite.DOMAINS)
