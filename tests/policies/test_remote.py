@@ -35,8 +35,10 @@ unpack = functools.partial(msgpack.unpackb, object_hook=SERVER.unpacked)
 @contextlib.contextmanager
 def serving(port, answer, **options):
     """Serves at a port; yields the address. `answer` makes a message of the number of a request and its message."""
+    connections = []
 
     def handle(connection):
+        connections.append(connection)
         connection.send(pack({"name": "test"}))
         with contextlib.suppress(ConnectionClosed):
             for number, message in enumerate(connection):
@@ -50,6 +52,8 @@ def serving(port, answer, **options):
         finally:
             server.shutdown()
             thread.join()
+            for connection in connections:  # Before websockets 17, a shutdown leaves them open.
+                connection.close()
 
 
 def build(name):
@@ -221,7 +225,7 @@ def test_without_the_extra_the_error_names_it_and_nothing_is_imported(monkeypatc
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_commands_play_by_a_server_and_send_the_sentence_of_each_environment(port, folder, run, refusal):
+def test_commands_play_by_a_server_and_send_the_sentence_of_each_environment(port, folder, run, refusal, pauses):
     prompts = []
 
     def answer(number, message):
