@@ -461,4 +461,7 @@ class _CheckedPolicy:
 
     @instruction.setter
     def instruction(self, sentence: str) -> None:
-        self._policy.instruction = sentence  # type: ignore[attr-defined]
+        try:
+            self._policy.instruction = sentence  # type: ignore[attr-defined]
+        except Exception as error:
+            raise PolicyError(f"policy {checks.shown(self._name)} refuses its instruction: {error}") from error
