@@ -104,8 +104,8 @@ variation_split_flag = functools.partial(
 )
 policy_flag = functools.partial(
     flag,
-    "random, zero, expert, trained, or module:callable, which takes a dm_env.TimeStep and returns the action. "
-    "expert and trained take options, as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\".",
+    "random, zero, expert, trained, ws://host:port (a server), or module:callable, which maps a dm_env.TimeStep to an "
+    "action. expert and trained take options, as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\".",
 )
 seed_flag = functools.partial(
     flag, "First seed; further episodes, or restarts of a training, have the next ones.", minimum=0

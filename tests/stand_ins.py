@@ -34,10 +34,12 @@ def suite_requirements(extras: Sequence[str] = ()) -> Iterator[Requirement]:
 
 
 def named_requirements(arguments: Sequence[str]) -> Iterator[Requirement]:
-    """Yields the requirements that a command line of pip names; a path is the suite."""
+    """Yields the requirements that a command line of pip names; `.` is the suite, a folder the project of its name."""
     for argument in arguments:
         if argument.startswith("."):
             argument = f"kitchen-suite{argument[1:]}"
+        elif (ROOT / argument / "pyproject.toml").is_file():
+            argument = Path(argument).name
         if not argument.startswith("-"):
             yield Requirement(argument)
 

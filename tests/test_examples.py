@@ -28,6 +28,8 @@ PRINTED = {
 }
 # Examples that register a domain.
 OWN_TASKS = ("my_task", "my_kitchen_task")
+# Serves until it is ended; tests/policies/test_remote.py runs it.
+SERVER = "policy_server"
 MARKS = {
     "pixels": [pytest.mark.rendering],
     "record_and_replay": [pytest.mark.thorough],
@@ -65,7 +67,7 @@ def test_a_task_of_ones_own_is_short_and_equal_single_and_vectorised(name):
 def test_every_example_is_run_is_short_and_is_in_the_index():
     scripts = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES.glob("*.py")}
     index = (EXAMPLES.parent / "guide" / "examples.md").read_text(encoding="utf-8")
-    assert set(scripts) == {*PRINTED, *OWN_TASKS} == set(re.findall(r"\]\(\.\./examples/(\w+)\.py\)", index))
+    assert set(scripts) == {*PRINTED, *OWN_TASKS, SERVER} == set(re.findall(r"\]\(\.\./examples/(\w+)\.py\)", index))
     assert all(len(text.splitlines()) <= 100 for text in scripts.values())
 
 

@@ -1,7 +1,7 @@
-"""The suite as environments of LeRobot, for `--env.discover_packages_path=kitchen_suite.lerobot`.
+"""The suite as environments of LeRobot, which imports this package where `lerobot_env_kitchen` is installed.
 
-Importing this package registers a type of environment for each domain: `--env.type=kitchen`, `--env.type=open_cabinet`.
-Needs the extra `lerobot`.
+Otherwise `--env.discover_packages_path=kitchen_suite.lerobot` makes it do so. Importing this package registers a type
+of environment for each domain: `--env.type=kitchen`, `--env.type=open_cabinet`. Needs the extra `lerobot`.
 """
 
 from kitchen_suite.lerobot.configs import SuiteEnvConfig as SuiteEnvConfig

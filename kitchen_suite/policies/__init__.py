@@ -1,4 +1,4 @@
-"""Policies by name: random, zero, scripted experts, trained policies, and those of a user."""
+"""Policies by name: random, zero, scripted experts, trained policies, servers, and those of a user."""
 
 from kitchen_suite.policies.registry import (
     POLICIES,
@@ -8,6 +8,7 @@ from kitchen_suite.policies.registry import (
     PolicySource,
     Takeover,
     find,
+    instruct,
     labels_of,
     load_policy,
     missing_observables,
@@ -25,6 +26,7 @@ __all__ = [
     "PolicySource",
     "Takeover",
     "find",
+    "instruct",
     "labels_of",
     "load_policy",
     "missing_observables",

@@ -1,8 +1,9 @@
-"""Policies by name: random, zero, expert, trained, a person, and `module:callable` for a user's own.
+"""Policies by name: random, zero, expert, trained, a person, a server, and `module:callable` for a user's own.
 
 A policy is called with the present `dm_env.TimeStep` and returns the action. An episode starts where `timestep.first()`
 is true. A policy may have an attribute `labels`, a mapping that says something of its last action, by names that are
-the same after every action; recordings keep them.
+the same after every action; recordings keep them. Rollouts assign the task's sentence to an attribute `instruction`,
+where a policy has one, before each action.
 """
 
 import abc
@@ -12,6 +13,7 @@ import dataclasses
 import functools
 import itertools
 import pkgutil
+import re
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -34,8 +36,11 @@ Policy = Callable[[dm_env.TimeStep], ArrayLike]
 PolicyBuilder = Callable[..., Policy]
 """Builds the policy for one episode from the environment and a generator of the episode's own."""
 
-# Packages that the extra `experts` installs.
-EXPERT_PACKAGES = ("daqp", "mink")
+# Packages that extras install, of those that policies need.
+PACKAGES = {"experts": ("daqp", "mink"), "remote": ("msgpack", "websockets")}
+
+# A policy on a server, by its address alone.
+_ADDRESS = re.compile(r"wss?://\S+")
 
 # Characters of a policy with options; there is room for the path of a file.
 _MAX_LENGTH = 5_000
@@ -50,12 +55,13 @@ class PolicySource(abc.ABC):
 
     Attributes:
       takes_options: whether the name may have options, such as `expert(speed=0.8)`.
-      needs_experts: whether it needs the extra `experts`.
+      extra: a key of `PACKAGES`, the extra that it needs, if any.
       player: entry point of the function that lets each episode be played before it is stepped, called with its
         `rollouts.spec.EpisodeSpec`; None for policies that act by themselves.
     """
 
-    takes_options = needs_experts = False
+    takes_options = False
+    extra: str | None = None
     player: str | None = None
 
     @abc.abstractmethod
@@ -102,7 +108,7 @@ class ExpertSource(PolicySource):
     Its options are attributes of `experts.MotionStyle`, and arguments of the expert and its control mode.
     """
 
-    takes_options = needs_experts = True
+    takes_options, extra = True, "experts"
 
     def __init__(self, kind: str = "expert") -> None:
         """Prepares to build the experts of a kind, as of `experts.expert_class`."""
@@ -214,7 +220,7 @@ class TakeoverSource(TrainedSource):
     Learning and Structured Prediction to No-Regret Online Learning (DAgger), AISTATS 2011.
     """
 
-    needs_experts = True
+    extra = "experts"
     _expert = ExpertSource()
 
     def __call__(
@@ -243,7 +249,7 @@ class TeleopSource(PolicySource):
     is that of the page. In commands, each episode is played in the page before it is recorded or scored.
     """
 
-    takes_options = needs_experts = True
+    takes_options, extra = True, "experts"
     player = "kitchen_suite.bridges.viewer:Player"
 
     def __call__(
@@ -272,6 +278,24 @@ class TeleopSource(PolicySource):
         return missing_observables(first, make_task) if isinstance(first, str) else []
 
 
+class RemoteSource(PolicySource):
+    """A policy on a server of openpi's protocol, named by an address such as `ws://localhost:8000`. Needs `remote`.
+
+    `remote(address='ws://localhost:8000', timeout=60)` is the same, with the time that an answer may take [s].
+    """
+
+    takes_options, extra = True, "remote"
+
+    def __call__(
+        self, environment: dm_env.Environment, generator: np.random.Generator, *, address: str = "", timeout: float = 60
+    ) -> Policy:
+        from kitchen_suite.policies.remote import RemotePolicy
+
+        if not isinstance(address, str) or not _ADDRESS.fullmatch(address):
+            raise ValueError(f"address must be one such as 'ws://localhost:8000', got {checks.shown(address)}")
+        return RemotePolicy(environment, address, checks.number(timeout, "timeout", positive=True, maximum=86_400))
+
+
 POLICIES: Mapping[str, PolicySource] = MappingProxyType(
     {
         "random": RandomSource(),
@@ -281,6 +305,7 @@ POLICIES: Mapping[str, PolicySource] = MappingProxyType(
         "trained": TrainedSource(),
         "takeover": TakeoverSource(),
         "teleop": TeleopSource(),
+        "remote": RemoteSource(),
     }
 )
 """The policies that a name alone selects, such as `random`; each is called to build one."""
@@ -293,8 +318,8 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
 
     Args:
       name: a key of `POLICIES`, with options where it takes any, such as `expert(speed=0.8, jitter=0.02)` or
-        `trained(file='policy.npz')`; or `module:callable`, a policy that is the same object in every episode. Modules
-        are also looked for in the working directory.
+        `trained(file='policy.npz')`; an address `ws://host:port`, a policy on a server; or `module:callable`, a policy
+        that is the same object in every episode. Modules are also looked for in the working directory.
       digest: SHA-256 of the file that the policy names, if it is to be checked: the builder raises a PolicyError for
         another file.
 
@@ -305,18 +330,18 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
     if name.endswith(".npz"):
         file = checks.shown(name)
         raise ValueError(f"policy {file} is a file, not a name: write trained(file={file})")
-    if ":" in name and "(" not in name:
+    key, options = _key_and_options(name)
+    if ":" in key:
         imported = checks.imported(name, "policy")
         if not callable(imported):
             raise ValueError(f"policy {checks.shown(name)} cannot be called: it is {checks.shown(imported)}")
         return lambda environment, generator: _CheckedPolicy(imported, name, environment)
-    key, options = _key_and_options(name)
     try:
         source = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
     except ValueError as error:
         raise ValueError(f"{error}, or name one of your own as module:callable") from error
-    if source.needs_experts:
-        checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
+    if source.extra:
+        checks.installed(PACKAGES[source.extra], f"policy {checks.shown(name)}", source.extra)
     if options and not source.takes_options:
         others = " and ".join(other for other, each in POLICIES.items() if each.takes_options)
         raise ValueError(f"policy {key!r} takes no options, got {checks.shown(name)}; {others} do")
@@ -369,6 +394,12 @@ def labels_of(policy: Policy) -> Mapping[str, NDArray]:
     return {label: np.asarray(value) for label, value in getattr(policy, "labels", {}).items()}
 
 
+def instruct(policy: Policy, sentence: Callable[[], str]) -> None:
+    """Assigns the task's sentence, which a function returns, to the attribute `instruction` of a policy that has it."""
+    if hasattr(policy, "instruction"):
+        policy.instruction = sentence()
+
+
 def without_file(name: str) -> str:
     """Returns the name of a policy without the path of its file."""
     key, options = _key_and_options(name)
@@ -379,7 +410,12 @@ def without_file(name: str) -> str:
 
 
 def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:
-    """Returns the name of a policy without its options, and these; they are written as in a Python call."""
+    """Returns the name of a policy without its options, and these; they are written as in a Python call.
+
+    An address is an option of `remote`.
+    """
+    if _ADDRESS.fullmatch(text):
+        return "remote", {"address": text}
     if "(" not in text:
         return text, {}
     if len(text) > _MAX_LENGTH:
@@ -404,6 +440,8 @@ class _CheckedPolicy:
     def __call__(self, timestep: dm_env.TimeStep) -> NDArray[np.float64]:
         try:
             action = self._policy(timestep)
+        except ConnectionError as error:
+            raise PolicyError(f"policy {checks.shown(self._name)} cannot act: {error}") from error
         except (Exception, SystemExit) as error:
             frame = traceback.extract_tb(error.__traceback__)[-1]
             problem = f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})"
@@ -416,3 +454,14 @@ class _CheckedPolicy:
     @property
     def labels(self) -> Mapping[str, NDArray]:
         return labels_of(self._policy)
+
+    @property
+    def instruction(self) -> str:
+        return self._policy.instruction  # type: ignore[attr-defined]
+
+    @instruction.setter
+    def instruction(self, sentence: str) -> None:
+        try:
+            self._policy.instruction = sentence  # type: ignore[attr-defined]
+        except Exception as error:
+            raise PolicyError(f"policy {checks.shown(self._name)} refuses its instruction: {error}") from error

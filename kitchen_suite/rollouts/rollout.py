@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError, labels_of
+from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError, instruct, labels_of
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, Waiting, Watch, flatten
 from kitchen_suite.rollouts.spec import EpisodePolicies, EpisodeSpec, SeededPolicies, clipped_action, reset_to_seed
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -56,7 +56,9 @@ class SingleRollout:
 
         Raises a PhysicsError if the physics diverges, a PolicyError for an exception or a bad action of the policy.
         """
-        timestep = self.buffer.timestep(suite_env(self.environment))
+        environment = suite_env(self.environment)
+        timestep = self.buffer.timestep(environment)
+        instruct(self.policy, lambda: environment.instruction)
         action = clipped_action(self.policy, timestep, self.environment.action_space)
         self.repeat(action, labels_of(self.policy))
 
@@ -166,6 +168,7 @@ class PolicyController:
 
     def _action(self, i: int, step: BatchStep, observation: dict[str, NDArray]) -> NDArray:
         timestep = dm_env.restart(observation) if step.is_first[i] else dm_env.transition(step.rewards[i], observation)
+        instruct(self._policies[i], lambda: self._environments.instruction[i])
         action = clipped_action(self._policies[i], timestep, self._space)
         if np.abs(action).max() > np.finfo(self._space.dtype).max:
             raise PolicyError(f"the policy's action does not fit into {self._space.dtype}: {action}")

@@ -1,7 +1,7 @@
 """Certificates of generated kitchens: what was found when they were built and the expert played in them.
 
-A file has a line of JSON for each kitchen. The package has those of the first kitchens of both splits; `kitchen-certify`
-writes others, by default to the user's cache folder.
+A file has a line of JSON for each kitchen. The package has those of the first kitchens of both splits, and
+`kitchen-certify` writes others, by default to the user's cache folder.
 """
 
 import functools

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import pickle
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -252,6 +253,17 @@ def test_lerobots_own_commands_find_the_package():
     sys.modules.pop("kitchen_suite.lerobot", None)
     load_plugin("kitchen_suite.lerobot")
     assert "kitchen_suite.lerobot.configs" in sys.modules
+
+
+def test_the_distribution_for_lerobot_registers_every_domain_by_its_name_alone():
+    code = (
+        "from lerobot.envs import EnvConfig\n"
+        "from lerobot.utils.import_utils import register_third_party_plugins\n"
+        "register_third_party_plugins()\n"
+        "print(*EnvConfig.get_known_choices())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert DOMAINS.keys() <= {*done.stdout.split()}, done.stderr
 
 
 def test_the_page_is_a_teleoperator(port, tmp_path):

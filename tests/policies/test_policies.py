@@ -111,6 +111,26 @@ def test_a_policy_that_exits_is_a_policy_error(kettle, monkeypatch):
         policy(START)
 
 
+def test_a_policy_with_an_instruction_is_assigned_the_sentence(monkeypatch):
+    class Act:
+        instruction = ""
+
+        def __call__(self, timestep):
+            return np.full(8, float(len(self.instruction)))
+
+    class Constant(Act):
+        instruction = property(lambda self: "")
+
+    module = types.SimpleNamespace(act=Act(), constant=Constant(), bare=lambda timestep: np.zeros(8))
+    monkeypatch.setitem(sys.modules, "module_of_a_user", module)
+    policy, constant, bare = (build(f"module_of_a_user:{name}", -1, 1) for name in ("act", "constant", "bare"))
+    policies.instruct(policy, lambda: "open")
+    policies.instruct(bare, lambda: pytest.fail("it has no such attribute"))
+    np.testing.assert_array_equal(policy(START), np.full(8, 4.0))
+    with refused(policies.PolicyError, "'module_of_a_user:constant'"):
+        policies.instruct(constant, lambda: "open")
+
+
 @pytest.mark.parametrize(
     ("options", "shown"),
     [("speed=2", ["speed"]), ("sped=1", ["'sped'", "'speed'"]), ("jitter='much'", ["jitter", "'much'"])],
