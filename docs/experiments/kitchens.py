@@ -1,10 +1,16 @@
 """Measures of generated kitchens; each writes results/kitchens_*.json.
 
 python docs/experiments/kitchens.py speed    vectors of 64 kitchens: 16 designs in one, and one design in each of 16
+python docs/experiments/kitchens.py designs  how different 1,000 designs of each split are, and how long they take
+python docs/experiments/kitchens.py expert   the expert with fresh noise, on the certified tasks of 200 test kitchens
 """
 
+import collections
+import concurrent.futures
 import contextlib
+import functools
 import json
+import multiprocessing
 import statistics
 import sys
 import time
@@ -12,10 +18,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from dm_control import mjcf
 from numpy.typing import NDArray
-from tqdm import trange
+from scipy.spatial import cKDTree
+from tqdm import tqdm, trange
 
 from kitchen_suite.domains.kitchens import KITCHENS
+from kitchen_suite.entities.designs import SPLITS, KitchenDesign, build_generated_kitchen
+from kitchen_suite.evaluation.certify_job import certify
+from kitchen_suite.evaluation.results import wilson
+from kitchen_suite.tasks.kitchens.certificates import certificate_of
+from kitchen_suite.tasks.kitchens.mdp import Slots
+from kitchen_suite.vector_env.base import processors
 from kitchen_suite.vector_env.kitchens import KitchensVectorEnv
 
 RESULTS = Path(__file__).parent / "results"
@@ -24,6 +38,12 @@ FIRST_SEED = 60_000
 # Of `speed`: environments, designs, rounds of each number of threads, and control steps of a round.
 NUM_ENVS, DESIGNS, ROUNDS, STEPS = 64, 16, 16, 40
 THREADS = (1, 2)
+
+# Of `designs`: designs of each split, those that are compiled, and the size of cells of handle positions [m].
+COUNT, COMPILED, CELL = 1_000, 200, 0.1
+
+# Of `expert`: test kitchens, and the seed of noise and start, which is 0 in certificates.
+KITCHENS_PLAYED, FRESH_SEED = 200, 1
 
 
 def milliseconds(environments: KitchensVectorEnv, seed: int, actions: NDArray[np.float64]) -> tuple[float, float]:
@@ -63,13 +83,81 @@ def speed_row(threads: int) -> dict[str, Any]:
 
 def measure_speed() -> None:
     """Writes the speed of a vector of several designs as a share of that of vectors of one, with random actions."""
-    rows = [speed_row(threads) for threads in THREADS]
+    write("speed", [speed_row(threads) for threads in THREADS])
+
+
+def spread(split: str) -> tuple[dict[str, Any], list[NDArray[np.float64]]]:
+    """Returns how different the designs of a split are, and positions of handles `(n, 3)` of the first kitchens [m]."""
+    designs = [KitchenDesign.drawn(number, split) for number in range(COUNT)]
+    kinds = collections.Counter(kind for design in designs for kind in {each.design.kind for each in design.placed})
+    seconds, handles = [], []
+    for design in tqdm(designs[:COMPILED], desc=split, disable=None):
+        started = time.perf_counter()
+        scene = build_generated_kitchen(design, visuals=False)
+        physics = mjcf.Physics.from_mjcf_model(scene.arena.mjcf_model)
+        seconds.append(time.perf_counter() - started)
+        handles.append(Slots.of(scene, physics).position[: len(scene.parts)])
+    row = {
+        "split": split,
+        "designs": COUNT,
+        "sequences": len({design.sequence for design in designs}),
+        "least_common_kind": min(kinds.values()) / COUNT,
+        "compiled": COMPILED,
+        "seconds_median": round(statistics.median(seconds), 3),
+        "seconds_greatest": round(max(seconds), 3),
+        "cells": len({tuple(cell) for cell in np.floor(np.concatenate(handles) / CELL).astype(int).tolist()}),
+    }
+    return row, handles
+
+
+def measure_designs() -> None:
+    """Writes sequences, kinds, times and spread of handles of both splits, and how far test kitchens are from others.
+
+    The distance of two kitchens is the mean distance of each handle of one from the nearest of the other.
+    """
+    (train, known), (test, new) = (spread(split) for split in SPLITS)
+    trees = [cKDTree(handles) for handles in known]
+    nearest = [min(float(tree.query(handles)[0].mean()) for tree in trees) for handles in new]
+    test["nearest_train_median_m"] = round(statistics.median(nearest), 3)
+    test["nearest_train_least_m"] = round(min(nearest), 3)
+    write("designs", [train, test])
+
+
+def measure_expert() -> None:
+    """Writes how often the expert completes certified tasks of test kitchens again, with another seed, by kind."""
+    certificates = [certificate_of(KitchenDesign.drawn(number, "test")) for number in range(KITCHENS_PLAYED)]
+    work = functools.partial(certify, split="test", seed=FRESH_SEED)
+    with concurrent.futures.ProcessPoolExecutor(processors(), multiprocessing.get_context("spawn")) as pool:
+        numbers = [certificate.design for certificate in certificates]
+        again = [*tqdm(pool.map(work, numbers), total=len(numbers), disable=None)]
+    rows: dict[str, list[bool]] = {}
+    for certificate, fresh in zip(certificates, again, strict=True):
+        for task in certificate.certified:
+            rows.setdefault(task.partition(" ")[0], []).append(fresh.steps[task] is not None)
+    pairs = [steps is not None for each in certificates for steps in each.steps.values()]
+    done = [success for each in rows.values() for success in each]
+    low, high = wilson(sum(done), len(done))
+    result = {
+        "kitchens": KITCHENS_PLAYED,
+        "pairs": len(pairs),
+        "certified": round(float(np.mean(pairs)), 4),
+        "success": round(float(np.mean(done)), 4),
+        "interval": [round(low, 4), round(high, 4)],
+        **{
+            task: {"pairs": len(each), "success": round(float(np.mean(each)), 4)} for task, each in sorted(rows.items())
+        },
+    }
+    write("expert", [result])
+
+
+def write(name: str, rows: list[dict[str, Any]]) -> None:
+    """Writes rows to `results/kitchens_<name>.json`, and prints them."""
     text = "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n"
-    (RESULTS / "kitchens_speed.json").write_text(text, encoding="utf-8")
+    (RESULTS / f"kitchens_{name}.json").write_text(text, encoding="utf-8")
     print(text)
 
 
-MEASURES = {"speed": measure_speed}
+MEASURES = {"speed": measure_speed, "designs": measure_designs, "expert": measure_expert}
 
 if __name__ == "__main__":
     if len(sys.argv) != 2 or sys.argv[1] not in MEASURES:
