@@ -13,10 +13,16 @@ from tabulate import tabulate
 
 from kitchen_suite import suite
 from kitchen_suite.benchmarks import benchmark_job
+from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
 from kitchen_suite.tasks import DEFAULT_TASKS
+from kitchen_suite.tasks.kitchens import certificates
 
 RESULTS = Path(__file__).resolve().parent.parent / "experiments" / "results"
+
+
+# Certificates that the package has.
+CERTIFICATES = Path(certificates.__file__).parent / "certificates"
 
 
 def read_results(name: str) -> Any:
@@ -676,6 +682,60 @@ def teleoperation_recipe_table() -> str:
     return markdown(header, rows)
 
 
+def certificate_table() -> str:
+    """Returns the table of certified tasks by split and verb, from the certificates that the package has."""
+    rows = []
+    for split in SPLITS:
+        found = certificates.read(CERTIFICATES / f"{split}.jsonl").values()
+        tasks = [(name.partition(" ")[0], steps is not None) for each in found for name, steps in each.steps.items()]
+        verbs = dict.fromkeys(verb for verb, _ in tasks)
+        shares = [statistics.mean(done for name, done in tasks if name == verb) for verb in verbs]
+        reached = [reaches for each in found for reaches in each.reached.values()]
+        everything = statistics.mean(done for _, done in tasks)
+        depth = max(each.depth_mm for each in found)
+        values = (f"{len(found)}", f"{len(tasks)}", f"{everything:.1%}", *(f"{share:.1%}" for share in shares))
+        rows.append((f"`{split}`", *values, f"{statistics.mean(reached):.1%}", f"{depth:.1f}"))
+    verbs_in_code = (f"`{verb}`" for verb in verbs)
+    header = ("split", "kitchens", "pairs", "certified", *verbs_in_code, "handles in reach", "greatest depth [mm]")
+    return markdown(header, rows)
+
+
+def kitchens_expert_table() -> str:
+    """Returns the table of the expert's success with fresh noise, from `docs/experiments/kitchens.py expert`."""
+    (result,) = read_results("kitchens_expert")
+    by_task = {name: row for name, row in result.items() if isinstance(row, dict)}
+    pairs = sum(row["pairs"] for row in by_task.values())
+    low, high = result["interval"]
+    rows = [(f"`{name}`", row["pairs"], f"{row['success']:.1%}") for name, row in by_task.items()]
+    return markdown(
+        ("task", "certified pairs", "success"),
+        [*rows, ("all", pairs, f"{result['success']:.1%} ({low:.1%} to {high:.1%})")],
+    )
+
+
+def kitchens_design_table() -> str:
+    """Returns the table of how different the designs are, from `docs/experiments/kitchens.py designs`."""
+    rows = [
+        (
+            f"`{row['split']}`",
+            *(row["designs"], row["sequences"], f"{row['least_common_kind']:.0%}", row["cells"]),
+            f"{row['seconds_median']:.2f} (at most {row['seconds_greatest']:.2f})",
+            f"{row['nearest_train_median_m']:.3f} (least {row['nearest_train_least_m']:.3f})"
+            if "nearest_train_median_m" in row
+            else "",
+        )
+        for row in read_results("kitchens_designs")
+    ]
+    header = ("designs", "distinct sequences", "kitchens with the rarest kind", "10 cm cells with a handle")
+    return markdown(("split", *header, "built in [s]", "from the nearest of `train` [m]"), rows)
+
+
+def kitchens_speed_table() -> str:
+    """Returns the table of speeds of vectors of several designs, from `docs/experiments/kitchens.py speed`."""
+    rows = [(row["threads"], row["clock_ratio"], row["processors_ratio"]) for row in read_results("kitchens_speed")]
+    return markdown(("threads", "speed of 16 designs, relative to one", "by processor time"), rows)
+
+
 def soak_table() -> str:
     """Returns the tables of what `docs/experiments/soak.py` has played: by domain, and the memory in each process."""
     parts = read_results("soak")
@@ -744,6 +804,10 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "teleoperation": teleoperation_table,
     "teleoperation_recipe": teleoperation_recipe_table,
     "soak": soak_table,
+    "kitchens_certificates": certificate_table,
+    "kitchens_expert": kitchens_expert_table,
+    "kitchens_designs": kitchens_design_table,
+    "kitchens_speed": kitchens_speed_table,
     "fast_settings": fast_settings_table,
     "fast_experts": fast_experts_table,
     "fast_policies": fast_policies_table,
