@@ -727,7 +727,7 @@ def kitchens_design_table() -> str:
         for row in read_results("kitchens_designs")
     ]
     header = ("designs", "distinct sequences", "kitchens with the rarest kind", "10 cm cells with a handle")
-    return markdown(("split", *header, "built in [s]", "from the nearest of `train` [m]"), rows)
+    return markdown(("split", *header, "built in, processor time [s]", "from the nearest of `train` [m]"), rows)
 
 
 def kitchens_speed_table() -> str:
