@@ -478,12 +478,7 @@ class GeneratedKitchen(Scene):
         return (*super().parameters, *door_parameters("fixtures", joints))
 
 
-def build_generated_kitchen(
-    design: Design = 0,
-    split: str = "train",
-    *,
-    visuals: bool = True,
-) -> GeneratedKitchen:
+def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals: bool = True) -> GeneratedKitchen:
     """Builds the kitchen of a design.
 
     Args:
