@@ -28,7 +28,6 @@ from kitchen_suite.entities.fixtures import (
     PANEL,
     STEEL,
     STYLES,
-    Extent,
     FixtureDesign,
     Part,
     Style,
@@ -109,7 +108,7 @@ class Placed(NamedTuple):
     @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Least and greatest corner of its extent in the world, `(3,)` each [m]."""
-        extent: Extent = KINDS[self.design.kind].extent(self.design)
+        extent = KINDS[self.design.kind].extent(self.design)
         corners = np.array([self.in_world(np.array(corner)) for corner in (extent.low, extent.high)])
         return corners.min(axis=0), corners.max(axis=0)
 
@@ -472,6 +471,11 @@ class GeneratedKitchen(Scene):
     parts: tuple[tuple[str, Part], ...]
 
     @property
+    def part_names(self) -> tuple[str, ...]:
+        """Names of the parts, such as `drawers_1/drawer_2`."""
+        return tuple(f"{name}/{part.joint or part.handle}" for name, part in self.parts)
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Those of every scene, and factors of damping and of dry friction of all drawers, doors and knobs together."""
         joints = [self.props[name].mjcf_model.find("joint", part.joint) for name, part in self.parts if part.joint]
@@ -554,12 +558,9 @@ def _add_surroundings(arena: GeneratedKitchenArena, design: KitchenDesign) -> No
 def _fillings(placed: Placed, wall: float, style: Style) -> Iterator[tuple[str, Vector, Vector, Vector]]:
     """Yields names, corners in a fixture's frame [m] and colours of the boxes that complete the fixture.
 
-    Args:
-      placed: the fixture.
-      wall: distance of the wall behind it from the axis of the robot's base [m].
-      style: of the kitchen.
+    `wall` is the distance of the wall behind it from the axis of the robot's base [m].
     """
-    extent: Extent = KINDS[placed.design.kind].extent(placed.design)
+    extent = KINDS[placed.design.kind].extent(placed.design)
     (left, _, bottom), (right, depth, top) = extent.low, extent.high
     back, floor = wall - placed.row.distance, FLOOR - placed.position[2]
     if placed.row.level != "counter":

@@ -267,13 +267,9 @@ class Fixture(Prop):
         return body
 
     def _add_handle(self, body: mjcf.Element, kind: str | None, pos: Vector, *, upright: bool) -> None:
-        """Adds the handle of a part before its front; its site has z into the fixture and y along the bar.
+        """Adds the handle of a part, with its centre before a place on the front, in the body's frame [m].
 
-        Args:
-          body: of the part.
-          kind: one of `HANDLES`.
-          pos: of its centre on the front, in the body's frame [m].
-          upright: whether the bar is upright.
+        Its site has z into the fixture and y along the bar.
         """
         x, y, z = pos
         front, y = y, y - CLEARANCE

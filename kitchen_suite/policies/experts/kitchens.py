@@ -100,12 +100,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 class Target(NamedTuple):
-    """A part and what is asked of it.
-
-    Attributes:
-      index: of the part in the design.
-      opens: whether it is to be open, on, or moved.
-    """
+    """A part, by its index in the design, and whether it is to be open, on, or moved."""
 
     index: int
     opens: bool
@@ -207,13 +202,7 @@ def _tucked(joints: Array, place: Vector) -> Array:
 
 
 class Motion(NamedTuple):
-    """A skill for a part where it stands.
-
-    Attributes:
-      skill: in the frame.
-      frame: of the skill, in the world.
-      position: of the skill's object joint [rad, m].
-    """
+    """A skill for a part where it stands: the skill's frame in the world, and position of its object joint [rad, m]."""
 
     skill: Skill
     frame: mink.SE3
@@ -254,7 +243,7 @@ class _Kitchen:
     def __init__(self, design: KitchenDesign) -> None:
         built = build_generated_kitchen(design, visuals=False)
         self.parts = tuple(part for _, part in built.parts)
-        self.names = tuple(f"{name}/{part.joint or part.handle}" for name, part in built.parts)
+        self.names = built.part_names
         self._physics = physics = mjcf.Physics.from_mjcf_model(built.arena.mjcf_model)
         self.slots = Slots.of(built, physics)
         self._data = mujoco.MjData(physics.model.ptr)
@@ -337,11 +326,7 @@ class _Kitchen:
     def _touches(self, knots: list[Array], target: Target, opening: float, among: NDArray[np.bool_]) -> int:
         """Returns at how many joint positions, `(7,)` and between them, the robot touches something or itself.
 
-        Args:
-          knots: the joint positions.
-          target: part that is at an opening; all others are closed.
-          opening: of the part.
-          among: `(geoms,)`, whether contacts of a geom count.
+        All parts but the target are closed; contacts count between geoms that are `among` `(geoms,)`.
         """
         model, data = self._physics.model.ptr, self._data
         data.qpos[:] = model.qpos0
