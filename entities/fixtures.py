@@ -162,11 +162,8 @@ class FixtureDesign:
 def _extent(design: FixtureDesign, level: str) -> Extent:
     """Returns what a fixture of boxes takes up."""
     assert design.width is not None
-    bottom, top, depth = _TALL_BOTTOM, _TALL_TOP, _BASE_DEPTH
-    if level == "wall":
-        bottom, top, depth = 0.0, design.height, _WALL_DEPTH
-    elif level == "base":
-        bottom, top = -design.height, 0.0
+    height, depth = design.height or 0.0, _WALL_DEPTH if level == "wall" else _BASE_DEPTH
+    bottom, top = {"base": (-height, 0.0), "wall": (0.0, height), "tall": (_TALL_BOTTOM, _TALL_TOP)}[level]
     return Extent(low=(-design.width / 2, -_ROOM, bottom), high=(design.width / 2, depth, top))
 
 
@@ -404,7 +401,7 @@ _OVEN_PARTS = tuple(
         (1, "lower right knob", "bottom_right_burner", "bottom right burner"),
     )
 )
-_LIGHT = {"follower": "light_joint", "ratio": 1 / 14, "twin": "light switch"}
+_LIGHT: dict[str, Any] = {"follower": "light_joint", "ratio": 1 / 14, "twin": "light switch"}
 _SWITCH = Part("switch", "light_switch", "switch", SWITCH_ANGLE, "light switch", **_LIGHT)
 _MICROWAVE_DOOR = Part("door", "microwave", "handle", -0.75, "door", twin="microwave")
 # The left door is in reach in few places only.

@@ -204,8 +204,7 @@ class KitchensTask(SuiteTask):
             terminates_when_complete=reward not in CONTINUING,
         )
         super().__init__(scene, mdp, **observables)
-        self._parts = scene.parts
-        self._words = part_words(scene)
+        self._parts, self._names, self._words = scene.parts, scene.part_names, part_words(scene)
         allowed = certificate_of(scene.design).certified if checks.boolean(certified, "certified") else None
         self.requests = PartRequests(scene, names, tasks_per_episode, allowed)
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
@@ -255,7 +254,7 @@ class KitchensTask(SuiteTask):
     def completions_in(self, infos: Mapping[str, Any]) -> Completions:
         steps = infos["completion_steps"][: len(self._parts)]
         requested = infos[f"{REQUESTED}_mask"][: len(self._parts)]
-        return Completions(self.scene.part_names, requested, steps)
+        return Completions(self._names, requested, steps)
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._columns = physics.bind(self.robot.joints).qposadr

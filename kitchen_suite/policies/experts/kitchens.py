@@ -492,8 +492,8 @@ def _turn_back(handle: Array, hand: HandOrientation) -> Skill:
     """Skill that turns a knob off by pushing the upper end of its bar to the left, from where it stands when off."""
     tip = np.add(handle, (_LEVER, 0.0, _LEVER))
     tips = [_vector(tip - (0.0, 0.07, 0.0)), _vector(tip)]
-    moves = (*kitchen_skills.push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0))
-    return _skill(moves, _hinge(handle, np.array(BACK)), retreat=np.array([0.0, -0.04, 0.0]))
+    pushes, arc = kitchen_skills.push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0)
+    return _skill((*pushes, arc), _hinge(handle, np.array(BACK)), retreat=np.array([0.0, -0.04, 0.0]))
 
 
 # Of an object that has moved by x, y and z.
