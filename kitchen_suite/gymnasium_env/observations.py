@@ -125,7 +125,12 @@ class Observations:
         self._parts = {key: part for kind in OBS_TYPES[obs_type] for key, part in kinds[kind]().items()}
         self._parts |= self.request_parts()
         self._is_array = OBS_TYPES[obs_type] == ("observation",)
-        self.space = self._make_space()
+        boxes = {key: part.space for key, part in self._parts.items()}
+        if self._is_array:
+            low, high = (np.concatenate([getattr(box, side) for box in boxes.values()]) for side in ("low", "high"))
+            self.space: spaces.Space = spaces.Box(low, high, dtype=dtype)
+        else:
+            self.space = next(iter(boxes.values())) if len(boxes) == 1 else spaces.Dict([*boxes.items()])
 
     def goal_parts(self) -> dict[str, Part]:
         """Returns the achieved and the desired goal; empty in a domain without goals."""
@@ -154,13 +159,6 @@ class Observations:
         for picture in self._task.pictures.pictures:
             kinds.setdefault(picture.kind, {})[picture_key(picture.camera)] = picture
         return {kind: picture_part(by_camera) for kind, by_camera in kinds.items()}
-
-    def _make_space(self) -> spaces.Space:
-        boxes = {key: part.space for key, part in self._parts.items()}
-        if self._is_array:
-            low, high = (np.concatenate([getattr(box, side) for box in boxes.values()]) for side in ("low", "high"))
-            return spaces.Box(low, high, dtype=self._dtype)
-        return next(iter(boxes.values())) if len(boxes) == 1 else spaces.Dict([*boxes.items()])
 
     def __call__(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> Any:
         """Returns an observation; arguments as of `Part.read`."""
