@@ -115,12 +115,11 @@ class KitchenSensors:
         """Returns the positions of the robot's joints, the achieved goals and, if measured, the hand's distances."""
         indices = self.indices
         positions, achieved = simulation.read("qpos", indices.robot_qpos), simulation.read("qpos", indices.goal_qpos)
-        return KitchenReading(positions, achieved, self._hand_distances(simulation) if self.measures_hand else None)
-
-    def _hand_distances(self, simulation: Simulation) -> NDArray[np.float64]:
+        if not self.measures_hand:
+            return KitchenReading(positions, achieved)
         sites = simulation.read("site_xpos", self._sites)
-        distances: NDArray[np.float64] = np.sqrt(rotations.squared_length(sites[..., 1:, :] - sites[..., :1, :]))
-        return distances
+        hand_distances = np.sqrt(rotations.squared_length(sites[..., 1:, :] - sites[..., :1, :]))
+        return KitchenReading(positions, achieved, hand_distances)
 
     def observed(self, simulation: Simulation) -> NDArray[np.float64]:
         """Returns the 59 elements of the observation, `(..., 59)`, without noise."""
@@ -183,14 +182,13 @@ class KitchenObservables:
             for task, goal in zip(goals.tasks, goals.goals, strict=True)
         }
         desired = {
-            f"desired_goal/{task}": observable.Generic(functools.partial(_constant, goal))
+            f"desired_goal/{task}": observable.Generic(lambda physics, goal=goal: goal)
             for task, goal in goals.split(goals.desired).items()
         }
+        requested = {name: observable.Generic(lambda physics, read=read: read()) for name, read in requests.items()}
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
-            {**state, **extra, **achieved, **desired}
+            {**state, **extra, **achieved, **desired, **requested}
         )
-        for name, read in requests.items():
-            self.by_name[name] = observable.Generic(functools.partial(_read, read))
         for part in self.by_name.values():
             part.enabled = True
 
@@ -199,11 +197,3 @@ def _noisy(
     noise: NDArray[np.float64], observation: NDArray, random_state: np.random.RandomState | None = None
 ) -> NDArray[np.float64]:
     return observation + noise
-
-
-def _read(read: Callable[[], NDArray], physics: mjcf.Physics) -> NDArray:
-    return read()
-
-
-def _constant(value: NDArray[np.float64], physics: mjcf.Physics) -> NDArray[np.float64]:
-    return value

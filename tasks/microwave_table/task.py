@@ -94,12 +94,7 @@ class MicrowaveTableTask(SuiteTask):
     varied = VARIED
 
     def __init__(
-        self,
-        scene: Scene,
-        *,
-        threshold: float = 0.3,
-        control_mode: str = "joint_offset",
-        **options: Any,
+        self, scene: Scene, *, threshold: float = 0.3, control_mode: str = "joint_offset", **options: Any
     ) -> None:
         """Sets the task up in a scene.
 

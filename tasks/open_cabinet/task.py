@@ -110,11 +110,7 @@ class OpenCabinetTask(SuiteTask):
         )
         self.reward_name = reward
         super().__init__(scene, mdp, **observables)
-        self.vary(
-            handles=[scene.cabinet.handle_site(drawer)],
-            home=DEFAULT_POSE,
-            first=[*randomized.values()],
-        )
+        self.vary(handles=[scene.cabinet.handle_site(drawer)], home=DEFAULT_POSE, first=[*randomized.values()])
         self.observed = {**self._observables.by_name, **self.extra_observables}
         name = f"{drawer}_drawer" + ("" if reward == "original" else f"_{reward}")
         self.policy_inputs = PolicyInputs(names=(name,), state_size=observation.SIZE + self.extra_size)

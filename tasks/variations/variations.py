@@ -27,8 +27,6 @@ MAX_REFUSALS = 20
 # Flag of MuJoCo with which objects at rest sleep.
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 
-_MAX_PARTS = 8  # Parts of a parameter's name, of which `kettle/mass` has two.
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class VariationRequest:
@@ -273,20 +271,14 @@ class Variations:
     def place_fixed(self) -> None:
         """Moves what is fixed to where the current values have it, as MuJoCo does by itself where nothing sleeps."""
         if self.moves_sleepers or (self._scene.sleeps and self.randomizer.visual_fields):
-            _place_fixed(self._physics.model.ptr, self._physics.data.ptr)
-
-
-def _place_fixed(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Computes the poses of all bodies, cameras and lights.
-
-    With `SLEEP`, MuJoCo does not look whether those that are fixed, or on fixed bodies, have been moved.
-    """
-    flags = model.opt.enableflags
-    model.opt.enableflags = flags & ~SLEEP
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_camlight(model, data)
-    model.opt.enableflags = flags
+            model, data = self._physics.model.ptr, self._physics.data.ptr
+            flags = model.opt.enableflags
+            # With `SLEEP`, MuJoCo does not look whether those that are fixed, or on fixed bodies, have been moved.
+            model.opt.enableflags = flags & ~SLEEP
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_camlight(model, data)
+            model.opt.enableflags = flags
 
 
 def _parsed(
@@ -319,7 +311,8 @@ def flat_values(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Returns the leaves of nested dicts by their path, the parts of which are joined by `/`."""
     if not isinstance(values, Mapping):
         raise TypeError(f"variation_values must be a dict, got {checks.shown(values)}")
-    if prefix.count("/") > _MAX_PARTS:
+    # `kettle/mass` has two parts.
+    if prefix.count("/") > 8:
         raise ValueError(f"variation_values are nested too deeply at {checks.shown(prefix)}")
     flat: dict[str, Any] = {}
     for name, value in values.items():
