@@ -264,19 +264,6 @@ class Pictures:
         """Those of kind `pixels`."""
         return tuple(picture for picture in self.pictures if picture.kind == "pixels")
 
-    def taken_at(
-        self, physics: mjcf.Physics, columns: NDArray[np.int64], positions: NDArray[np.float64]
-    ) -> NDArray[np.uint8]:
-        """Returns the `colour` pictures `(c, height, width, 3)` of a physics with other positions.
-
-        Args:
-          physics: whose qpos is as before afterwards.
-          columns: `(k,)`, of the positions in qpos.
-          positions: `(k,)`, while the pictures are taken [rad, m, quaternion].
-        """
-        with shown_at(physics, columns, positions):
-            return np.stack([picture.taker.observation_callable(physics)() for picture in self.colour])
-
     def takers(self, physics: mjcf.Physics) -> Mapping[str, Callable[[], NDArray]]:
         """Returns a function for each picture, by observation key, that takes it of a physics as it is at present."""
         return {name: taker.observation_callable(physics) for name, taker in self.by_name.items()}
@@ -312,7 +299,6 @@ def _names(value: object, what: str) -> Sequence[object]:
 
 
 def _checked_size(size: object, root: mjcf.RootElement) -> tuple[int, int]:
-    """Returns height and width."""
     if isinstance(size, str) or not isinstance(size, Sequence) or len(size) != 2:
         raise TypeError(f"image_size must be (height, width), got {checks.shown(size)}")
     # MuJoCo's default is 640 x 480.

@@ -214,7 +214,6 @@ def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]
 
 
 def _check_form(text: object, form: re.Pattern[str], what: str) -> None:
-    """Raises a TypeError or ValueError unless `text` is a string that matches `form` as a whole."""
     if not isinstance(text, str):
         raise TypeError(f"{what} must be a string, got {checks.shown(text)}")
     if not form.fullmatch(text):

@@ -270,7 +270,6 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         return flat(achieved, goals, "achieved_goal"), flat(desired, goals, "desired_goal")
 
     def _number(self, value: int) -> int | NDArray:
-        """Returns a number of the info in the `info_format`."""
         return np.array(value) if self.info_format == "arrays" else value
 
 
@@ -282,7 +281,6 @@ def goal_observation(goal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _item(value: NDArray) -> Any:
-    """Returns an array, or the number in an array without axes."""
     return value if value.ndim else value.item()
 
 

@@ -223,7 +223,11 @@ def picture_key(camera: str) -> str:
 
 def picture_part(by_camera: Mapping[str, Picture]) -> Part:
     """Returns the part with the pictures of one kind: an array of one camera, or a dict by camera."""
-    boxes = {key: _box(picture) for key, picture in by_camera.items()}
+    specs = {key: picture.taker.array_spec for key, picture in by_camera.items()}
+    boxes = {
+        key: spaces.Box(spec.minimum.item(), spec.maximum.item(), spec.shape, spec.dtype.type)
+        for key, spec in specs.items()
+    }
     if len(by_camera) == 1:
         ((key, picture),) = by_camera.items()
         return Part(boxes[key], lambda flat, state, pictures: pictures[picture.key])
@@ -231,8 +235,3 @@ def picture_part(by_camera: Mapping[str, Picture]) -> Part:
         spaces.Dict([*boxes.items()]),
         lambda flat, state, pictures: {key: pictures[each.key] for key, each in by_camera.items()},
     )
-
-
-def _box(picture: Picture) -> spaces.Box:
-    spec = picture.taker.array_spec
-    return spaces.Box(spec.minimum.item(), spec.maximum.item(), spec.shape, spec.dtype.type)

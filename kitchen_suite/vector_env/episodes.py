@@ -228,8 +228,6 @@ def _joined(sensors: Sequence[Any]) -> Any:
 
 def _check_robots(environments: Sequence[Environment]) -> None:
     """Raises a ValueError unless the robots of different environments have the same indices in MuJoCo's arrays."""
-    if len(environments) == 1:
-        return
     indices = []
     for environment in environments:
         physics, robot = environment.physics, environment.task.robot

@@ -40,16 +40,15 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         infos: dict[str, Any] = {"goal": goal_observation(goals), "_goal": wanted}
         infos["goal"][~wanted] = 0.0
         if rendered := [i for i in np.flatnonzero(wanted).tolist() if shown[i]]:
-            pictures = {i: self._goal_picture(i, goals[i]) for i in rendered}
+            pictures = {}
+            for i in rendered:
+                self._episodes.show(i)
+                pictures[i] = self._template_env.render_goal(goals[i])
             infos["goal_rendered"] = np.stack(
                 [pictures.get(i, np.zeros_like(pictures[rendered[0]])) for i in range(self.num_envs)]
             )
             infos["_goal_rendered"] = np.isin(np.arange(self.num_envs), rendered)
         return infos
-
-    def _goal_picture(self, i: int, goal: NDArray[np.float64]) -> NDArray:
-        self._episodes.show(i)
-        return self._template_env.render_goal(goal)
 
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
         """Returns rewards as `FrankaKitchenEnv.compute_reward` does.

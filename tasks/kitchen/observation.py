@@ -19,8 +19,8 @@ from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.mdp import SceneIndices, Simulation
 
-# Amplitudes of the noise [rad, m, rad/s, m/s]. The reference has them from a table for another scene, hence no pattern.
-_ROBOT_POSITIONS = _ROBOT_VELOCITIES = [0.1] * 9
+# Amplitudes of the noise [rad, m, rad/s, m/s], 0.1 for the robot. The reference has them from a table for another
+# scene, hence no pattern.
 _OBJECT_POSITIONS = {
     "oven": [0.1, *[0.005] * 2, *[0.0005] * 5],
     "hood": [0.0005, 0.005],
@@ -38,12 +38,7 @@ _OBJECT_VELOCITIES = {
     "kettle": [*[0.005] * 3, *[0.1] * 3],
 }
 
-AMPLITUDES = np.array(
-    [
-        *(*_ROBOT_POSITIONS, *_ROBOT_VELOCITIES),
-        *(*in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES)),
-    ]
-)
+AMPLITUDES = np.array([*[0.1] * 18, *in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES)])
 
 # Number of elements of the observation.
 SIZE = AMPLITUDES.size
@@ -175,7 +170,7 @@ class KitchenObservables:
             "object_velocities": (JointState("qvel", lambda: scene.object_joints), OBJECT_VELOCITIES),
         }
         for part, indices in parts.values():
-            part.corruptor = functools.partial(_noisy, self.noise[indices])
+            part.corruptor = lambda clean, random_state=None, noise=self.noise[indices]: clean + noise
         state = {name: part for name, (part, _) in parts.items()}
         achieved = {
             f"achieved_goal/{task}": JointState("qpos", functools.partial(goal.joints_in, scene))
@@ -191,9 +186,3 @@ class KitchenObservables:
         )
         for part in self.by_name.values():
             part.enabled = True
-
-
-def _noisy(
-    noise: NDArray[np.float64], observation: NDArray, random_state: np.random.RandomState | None = None
-) -> NDArray[np.float64]:
-    return observation + noise

@@ -26,7 +26,7 @@ from kitchen_suite.tasks.kitchen.observation import (
 from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, REQUESTED, STATE_SIZE, TaskDraw, TaskRequests
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
-from kitchen_suite.tasks.observables import Pictures
+from kitchen_suite.tasks.observables import Pictures, shown_at
 from kitchen_suite.tasks.task import Completions, Highlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE
@@ -319,8 +319,9 @@ class KitchenTask(SuiteTask):
         state = self.state
         if state.goal_pictures is not None:
             columns, goal = self.mdp.sensors.indices.state_qpos, state.goal_states[-STATE_SIZE:]
-            pictures = self.pictures.taken_at(physics, columns, goal)
-            self.set_mdp_state(state._replace(goal_pictures=pictures), physics)
+            with shown_at(physics, columns, goal):
+                taken = [picture.taker.observation_callable(physics)() for picture in self.pictures.colour]
+            self.set_mdp_state(state._replace(goal_pictures=np.stack(taken)), physics)
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = Highlighting(physics, (goal.geoms_in(self.scene) for goal in self.mdp.goals.goals))
@@ -337,7 +338,6 @@ class KitchenTask(SuiteTask):
         data.ctrl[:] = 0.0
 
     def _requested_starts(self) -> list[Start]:
-        """Returns the starts of the tasks that the episode that starts asks for."""
         return [start for task, start in self._starts.items() if task in self.requests.tasks]
 
     def _away_from_goals(self, values: Values) -> Values:

@@ -11,9 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.tasks.mdp import FeatureSensors
 
-# Greatest distance between gripper and handle at which the drawer counts as held open [m].
-_HOLD_DISTANCE = 0.03
-
 # Index of each part in `Features.values`; a part with an integer instead of a slice has no axis.
 FEATURE_INDICES: Mapping[str, slice | int] = MappingProxyType(
     {
@@ -79,7 +76,7 @@ class Features:
         self.handle_offset: NDArray[np.float64] = self.handle_position - self.tcp_position
         self.handle_distance = np.sqrt(np.add.reduce(np.square(self.handle_offset), axis=-1))
         self.quaternion_product = np.add.reduce(self.handle_quaternion * self.tcp_quaternion, axis=-1)
-        self.is_held_open = (self.drawer_position > 0.0) & (self.handle_distance <= _HOLD_DISTANCE)
+        self.is_held_open = (self.drawer_position > 0.0) & (self.handle_distance <= 0.03)
 
     @classmethod
     def of(cls, **parts: ArrayLike) -> Self:

@@ -140,7 +140,6 @@ class Variations:
         self._check_ranges(self.randomizer.checked(constants))
 
     def _check_ranges(self, values: Values) -> None:
-        """Raises a ValueError if a value is outside its parameter's range."""
         for name, value in values.items():
             low, high = self.ranges[name]
             if (value < low).any() or (value > high).any():
@@ -212,7 +211,13 @@ class Variations:
         start, self._refusals = np.array(physics.data.qpos), 0
         if self._layout_check:
             seed = random_state.randint(2**31)
-            self._bind_layout_check(physics, self._layout_check)
+            if self._checked_model is not physics.model.ptr:
+                # The check compares with the default layout, once for each compiled scene.
+                self._checked_model = physics.model.ptr
+                self._apply(self.randomizer.defaults)
+                if self._home is not None:
+                    physics.bind(self._scene.robot.joints).qpos = self._home
+                self._layout_check.bind(physics)
             self._set_accepted(physics, self._layout_check, start, drawn, request, seed)
         else:
             self._set(physics, start, request.applied(drawn, self.randomizer.defaults))
@@ -243,16 +248,6 @@ class Variations:
             self._set(physics, start, trial.applied(drawn, defaults))
         if trial is not request:
             self._set(physics, start, request.applied(drawn, defaults))
-
-    def _bind_layout_check(self, physics: mjcf.Physics, check: LayoutCheck) -> None:
-        """Binds the layout check to the default layout, once for each compiled scene."""
-        if self._checked_model is physics.model.ptr:
-            return
-        self._checked_model = physics.model.ptr
-        self._apply(self.randomizer.defaults)
-        if self._home is not None:
-            physics.bind(self._scene.robot.joints).qpos = self._home
-        check.bind(physics)
 
     def _set(self, physics: mjcf.Physics, start: NDArray[np.float64], values: Values) -> None:
         """Sets values at a start state, corrected by the task."""
@@ -292,7 +287,6 @@ def _parsed(
 
 
 def _in_groups(names: str | Sequence[str], rows: Mapping[str, ParameterVariation]) -> set[str]:
-    """Returns the parameters of some groups."""
     groups = [checks.choice(name, GROUPS, "variation") for name in _group_names(names, "variations")]
     present = [group for group in GROUPS if any(row.group == group for row in rows.values())]
     if empty := [group for group in groups if group not in present]:
