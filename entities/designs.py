@@ -3,6 +3,7 @@
 Every pair of a split and a number is a kitchen. Designs of different splits have different sequences of fixtures.
 """
 
+import contextlib
 import dataclasses
 import functools
 import numbers
@@ -27,7 +28,6 @@ from kitchen_suite.entities.fixtures import (
     PANEL,
     STEEL,
     STYLES,
-    Extent,
     FixtureDesign,
     Part,
     Style,
@@ -49,7 +49,11 @@ LEVELS = ("base", "counter", "wall", "tall")
 MAX_PARTS = 16
 
 # Bounds of numbers of a design [m].
-_COUNTER_HEIGHT, _DISTANCE, _START, _HEIGHT, _GAP = (1.5, 1.9), (0.0, 1.0), (-1.5, 1.5), (1.4, 2.7), (0.0, 1.0)
+_COUNTER_HEIGHT, _GAP = (1.5, 1.9), (0.0, 1.0)
+_ROW = {"distance": (0.0, 1.0), "start": (-1.5, 1.5), "height": (1.4, 2.7)}
+
+# Least height of drawn drawers with their worktop, by their number [m].
+_DRAWERS_HEIGHT = {1: 0.18, 2: 0.28}
 
 # Depth up to which fixtures may overlap, such as by rounding [m].
 _OVERLAP = 0.004
@@ -58,7 +62,7 @@ _OVERLAP = 0.004
 _KETTLE_PLACE = np.array([-0.169, -0.4, 1.626])
 
 # The hood is part of the oven's back, as in the original kitchen.
-_TOGETHER = frozenset({"oven", "hood"})
+_TOGETHER = ("oven", "hood")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -104,15 +108,19 @@ class Placed(NamedTuple):
     @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Least and greatest corner of its extent in the world, `(3,)` each [m]."""
-        extent: Extent = KINDS[self.design.kind].extent(self.design)
+        extent = KINDS[self.design.kind].extent(self.design)
         corners = np.array([self.in_world(np.array(corner)) for corner in (extent.low, extent.high)])
         return corners.min(axis=0), corners.max(axis=0)
 
     def in_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns a point `(3,)` of its frame in the world [m]."""
-        x, y, z = point
-        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
-        return self.position + np.array([cos * x - sin * y, sin * x + cos * y, z])
+        return self.position + _turned(self.yaw, *point)
+
+
+def _turned(yaw: float, x: float, y: float, z: float) -> NDArray[np.float64]:
+    """Returns a point `(3,)` after a rotation about the upright axis [m]."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.array([cos * x - sin * y, sin * x + cos * y, z])
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -122,15 +130,15 @@ class KitchenDesign:
     Attributes:
       counter_height: of the counters above the ground; the robot's base is at 1.8 [m].
       style: key of `STYLES`.
-      rows: of fixtures.
       kettle: whether a kettle stands on the oven.
+      rows: of fixtures.
       name: such as `train/7`; the empty string for a design of one's own.
     """
 
     counter_height: float
     style: str
-    rows: tuple[Row, ...]
     kettle: bool = False
+    rows: tuple[Row, ...]
     name: str = ""
 
     @classmethod
@@ -163,14 +171,7 @@ class KitchenDesign:
 
     def to_json(self) -> dict[str, Any]:
         """Returns the design as a JSON object, without what is None."""
-        rows = [
-            {
-                **_without_none(dataclasses.asdict(row)),
-                "fixtures": [_without_none(dataclasses.asdict(fixture)) for fixture in row.fixtures],
-            }
-            for row in self.rows
-        ]
-        return {"counter_height": self.counter_height, "style": self.style, "kettle": self.kettle, "rows": rows}
+        return dataclasses.asdict(self, dict_factory=_json)
 
     @property
     def sequence(self) -> str:
@@ -187,12 +188,10 @@ class KitchenDesign:
             for j, fixture in enumerate(row.fixtures):
                 width = KINDS[fixture.kind].extent(fixture).width
                 along += fixture.gap + width / 2
-                yaw = SIDES[row.side]
-                cos, sin = np.cos(yaw), np.sin(yaw)
-                position = (cos * along - sin * row.distance, sin * along + cos * row.distance, height)
+                position = _turned(SIDES[row.side], along, row.distance, height)
                 counts[fixture.kind] += 1
                 name, path = f"{fixture.kind}_{counts[fixture.kind]}", f"rows[{i}].fixtures[{j}]"
-                placed.append(Placed(path, name, fixture, row, np.round(position, 6), yaw))
+                placed.append(Placed(path, name, fixture, row, np.round(position, 6), SIDES[row.side]))
                 along += width / 2
         return tuple(placed)
 
@@ -200,11 +199,11 @@ class KitchenDesign:
         """Raises a ValueError, with a path in the JSON, unless the kitchen can be built."""
         if not self.placed:
             raise ValueError("rows must have at least one fixture")
-        ovens = sum(each.design.kind == "oven" for each in self.placed)
-        if self.kettle and not ovens:
+        kinds = [each.design.kind for each in self.placed]
+        if self.kettle and "oven" not in kinds:
             raise ValueError("kettle must be false in a kitchen without an oven, on which it stands")
-        for kind in ("oven", "hood"):
-            if len([each for each in self.placed if each.design.kind == kind]) > 1:
+        for kind in _TOGETHER:
+            if kinds.count(kind) > 1:
                 raise ValueError(f"rows must not have more than one fixture of kind {kind!r}")
         for i, one in enumerate(self.placed):
             _check_space(one)
@@ -216,8 +215,10 @@ Design = int | str | os.PathLike[str] | Mapping[str, Any] | KitchenDesign
 """A design, the number of one, or its JSON or the path of a file with it; see `KitchenDesign.make`."""
 
 
-def _without_none(fields: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in fields.items() if value is not None and (name, value) != ("gap", 0.0)}
+def _json(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Returns fields as a JSON object: without the design's name, what is None, and gaps of 0; tuples are lists."""
+    given = [(name, value) for name, value in fields if value is not None and (name, value) != ("gap", 0.0)]
+    return {name: [*value] if isinstance(value, tuple) else value for name, value in given if name != "name"}
 
 
 def _check_space(placed: Placed) -> None:
@@ -230,7 +231,7 @@ def _check_space(placed: Placed) -> None:
 
 def _check_apart(one: Placed, other: Placed) -> None:
     """Raises a ValueError if two fixtures overlap."""
-    if {one.design.kind, other.design.kind} == _TOGETHER:
+    if {one.design.kind, other.design.kind} == {*_TOGETHER}:
         return
     (low, high), (other_low, other_high) = one.bounds, other.bounds
     depths = np.minimum(high, other_high) - np.maximum(low, other_low)
@@ -251,11 +252,10 @@ def _read(path: Path) -> Any:
 def _parsed(cls: type[KitchenDesign], value: object) -> KitchenDesign:
     """Returns the checked design of a JSON object."""
     fields = _object(value, "design", ("counter_height", "style", "rows"), ("kettle",))
-    rows = _items(fields["rows"], "rows")
     design = cls(
-        counter_height=_within(fields["counter_height"], "counter_height", _COUNTER_HEIGHT),
+        counter_height=_allowed(fields["counter_height"], "counter_height", _COUNTER_HEIGHT),
         style=checks.choice(fields["style"], STYLES, "style"),
-        rows=tuple(_parsed_row(row, f"rows[{i}]") for i, row in enumerate(rows)),
+        rows=tuple(_parsed_row(row, path) for row, path in _items(fields["rows"], "rows")),
         kettle=checks.boolean(fields.get("kettle", False), "kettle"),
     )
     design.check()
@@ -267,36 +267,22 @@ def _parsed_row(value: object, path: str) -> Row:
     level = checks.choice(fields["level"], LEVELS, f"{path}.level")
     if (level == "wall") != ("height" in fields):
         raise ValueError(f"{path} must have a height if, and only if, its level is 'wall'")
+    sizes = {name: _allowed(fields[name], f"{path}.{name}", bounds) for name, bounds in _ROW.items() if name in fields}
+    side = checks.choice(fields["side"], SIDES, f"{path}.side")
     fixtures = _items(fields["fixtures"], f"{path}.fixtures")
-    return Row(
-        side=checks.choice(fields["side"], SIDES, f"{path}.side"),
-        level=level,
-        distance=_within(fields["distance"], f"{path}.distance", _DISTANCE),
-        start=_within(fields["start"], f"{path}.start", _START),
-        height=_within(fields["height"], f"{path}.height", _HEIGHT) if level == "wall" else None,
-        fixtures=tuple(_parsed_fixture(each, f"{path}.fixtures[{i}]", level) for i, each in enumerate(fixtures)),
-    )
+    return Row(side=side, level=level, fixtures=tuple(_parsed_fixture(*each, level) for each in fixtures), **sizes)
 
 
 def _parsed_fixture(value: object, path: str, level: str) -> FixtureDesign:
     kinds = [name for name, kind in KINDS.items() if kind.level == level]
     given = _object(value, path, ("kind",), ("width", "height", "count", "handle", "hinge", "gap"))
     kind = checks.choice(given["kind"], kinds, f"{path}.kind of level {level!r}")
-    options = KINDS[kind].options
-    needed = [name for name in options if name != "hinge" or given.get("count") != 2]
-    fields = _object(value, path, ("kind", *needed), ("gap",))
-    sizes = {
-        name: _within(fields[name], f"{path}.{name}", options[name]) for name in ("width", "height") if name in options
+    options = {
+        name: allowed for name, allowed in KINDS[kind].options.items() if name != "hinge" or given.get("count") != 2
     }
-    if "count" in options:
-        count = checks.integer(fields["count"], f"{path}.count", minimum=1, maximum=max(options["count"]))
-        sizes["count"] = count  # type: ignore[assignment]
-    words = {
-        name: checks.choice(fields[name], options[name], f"{path}.{name}")
-        for name in ("handle", "hinge")
-        if name in needed
-    }
-    return FixtureDesign(kind=kind, gap=_within(fields.get("gap", 0.0), f"{path}.gap", _GAP), **sizes, **words)  # type: ignore[arg-type]
+    fields = {"gap": 0.0, **_object(value, path, ("kind", *options), ("gap",))}
+    checked = {name: _allowed(fields[name], f"{path}.{name}", each) for name, each in {**options, "gap": _GAP}.items()}
+    return FixtureDesign(kind=kind, **checked)
 
 
 def _object(value: object, path: str, needed: Sequence[str], optional: Sequence[str] = ()) -> Mapping[str, Any]:
@@ -310,17 +296,23 @@ def _object(value: object, path: str, needed: Sequence[str], optional: Sequence[
     return value
 
 
-def _items(value: object, path: str) -> Sequence[object]:
+def _items(value: object, path: str) -> list[tuple[object, str]]:
+    """Returns the items of a list, each with its path."""
     if not isinstance(value, list | tuple):
         raise TypeError(f"{path} must be a list, got {checks.shown(value)}")
-    return value
+    return [(item, f"{path}[{i}]") for i, item in enumerate(value)]
 
 
-def _within(value: object, path: str, bounds: tuple[float, float]) -> float:
+def _allowed(value: object, path: str, allowed: tuple[Any, ...]) -> Any:
+    """Returns a name or an integer from 1 that is among the allowed ones, or a number between two bounds."""
+    if isinstance(allowed[0], str):
+        return checks.choice(value, allowed, path)
+    if isinstance(allowed[0], int):
+        return checks.integer(value, path, minimum=1, maximum=max(allowed))
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise TypeError(f"{path} must be a number, got {checks.shown(value)}")
-    if not bounds[0] <= value <= bounds[1]:
-        raise ValueError(f"{path} must be between {bounds[0]:g} and {bounds[1]:g}, got {checks.shown(value)}")
+    if not allowed[0] <= value <= allowed[1]:
+        raise ValueError(f"{path} must be between {allowed[0]:g} and {allowed[1]:g}, got {checks.shown(value)}")
     return float(value)
 
 
@@ -345,15 +337,9 @@ class _Grammar:
     def _oven_wall(self, counter: float) -> Iterator[Row]:
         """Yields the oven, the hood and the cabinets beside and above it, near where the original kitchen has them."""
         x, y = self._number(-0.04, 0.04), self._number(-0.03, 0.02)
-        yield Row(
-            side="back", level="base", distance=round(0.046 + y, 3), start=round(-0.502 + x, 3),
-            fixtures=(FixtureDesign(kind="oven"),),
-        )  # fmt: skip
+        yield _row("back", "base", 0.046 + y, -0.502 + x, FixtureDesign(kind="oven"))
         if self._generator.random() < 0.8:
-            yield Row(
-                side="back", level="wall", distance=round(0.571 + y, 3), start=round(-0.502 + x, 3),
-                height=round(counter + 0.564, 3), fixtures=(FixtureDesign(kind="hood"),),
-            )  # fmt: skip
+            yield _row("back", "wall", 0.571 + y, -0.502 + x, FixtureDesign(kind="hood"), height=counter + 0.564)
         yield from self._wall_row(counter + self._number(0.81, 0.84), 0.67 + y, self._number(1.15, 1.3), -0.6 + x)
 
     def _cabinet_wall(self, counter: float) -> Iterator[Row]:
@@ -361,22 +347,16 @@ class _Grammar:
         distance, width = self._number(0.45, 0.52), self._number(1.1, 1.3)
         start = -width / 2 + self._number(-0.1, 0.1)
         base = self._fixtures(("drawers", "base_doors", "stove"), (0.4, 0.25, 0.35), width, once=("stove",))
-        yield Row(side="back", level="base", distance=distance, start=round(start, 3), fixtures=base)
+        yield _row("back", "base", distance, start, *base)
         if self._generator.random() < 0.35:
             left = self._number(-0.78, -0.66)
-            yield Row(
-                side="back", level="counter", distance=round(distance + 0.05, 3), start=left,
-                fixtures=(FixtureDesign(kind="microwave"),),
-            )  # fmt: skip
+            yield _row("back", "counter", distance + 0.05, left, FixtureDesign(kind="microwave"))
         yield from self._wall_row(counter + self._number(0.42, 0.5), distance + self._number(0.03, 0.08), width, start)
 
     def _wall_row(self, height: float, distance: float, width: float, start: float) -> Iterator[Row]:
         kinds = ("wall_doors", "wall_sliding", "hinge_cabinet", "slide_cabinet")
         fixtures = self._fixtures(kinds, (0.4, 0.2, 0.2, 0.2), width, once=kinds[1:])
-        yield Row(
-            side="back", level="wall", distance=round(distance, 3), start=round(start, 3), height=round(height, 3),
-            fixtures=fixtures,
-        )  # fmt: skip
+        yield _row("back", "wall", distance, start, *fixtures, height=height)
 
     def _beside(self, side: str, end: float, base: float) -> Iterator[Row]:
         """Yields what stands on a side of the robot, up to a distance before it [m]; nothing, most often.
@@ -397,7 +377,7 @@ class _Grammar:
             fixture = dataclasses.replace(fixture, hinge=side)
         # The right end of a row on the left, and the left end of one on the right, is before the robot.
         start = end - width if side == "left" else -end
-        yield Row(side=side, level=kind, distance=round(distance, 3), start=round(start, 3), fixtures=(fixture,))
+        yield _row(side, kind, distance, start, fixture)
 
     def _fixtures(
         self, kinds: Sequence[str], weights: Sequence[float], width: float, once: Sequence[str]
@@ -405,19 +385,16 @@ class _Grammar:
         """Returns fixtures side by side that fill a width [m], none of the kinds `once` twice."""
         fixtures: list[FixtureDesign] = []
         while width >= 0.35:
-            used = [fixture.kind for fixture in fixtures]
-            allowed = np.array(
-                [0.0 if kind in once and kind in used else weight for kind, weight in zip(kinds, weights, strict=True)]
-            )
-            fixture = self._parametric(
-                self._choice(kinds, allowed / allowed.sum()), min(width, self._number(0.35, 0.7))
-            )
+            used = {fixture.kind for fixture in fixtures}.intersection(once)
+            allowed = np.where([kind in used for kind in kinds], 0.0, weights)
+            kind = self._choice(kinds, allowed / allowed.sum())
+            fixture = self._parametric(kind, min(width, self._number(0.35, 0.7)))
             taken = KINDS[fixture.kind].extent(fixture).width
             if fixture.kind == "slide_cabinet" and not fixtures:
                 # Its handle, at its left end, would be too far to the left.
                 fixture, taken = dataclasses.replace(fixture, gap=0.3), taken + 0.3
             if taken > width + 0.05:
-                if allowed.astype(bool).sum() == 1:
+                if np.count_nonzero(allowed) == 1:
                     break
                 continue
             fixtures.append(fixture)
@@ -431,25 +408,20 @@ class _Grammar:
             return FixtureDesign(kind=kind)
         low, high = options["width"]
         width = round(float(np.clip(width, low, high)), 3)
+        sizes: dict[str, Any] = {"width": width} if kind == "stove" else {"width": width, "handle": self._handle}
         match kind:
             case "drawers":
-                count = self._choice((1, 2))
-                height = round(WORKTOP_AND_DRAWERS[count] + self._number(0.0, 0.04), 3)
-                return FixtureDesign(kind=kind, width=width, height=height, count=count, handle=self._handle)
+                sizes["count"] = self._choice((1, 2))
+                sizes["height"] = round(_DRAWERS_HEIGHT[sizes["count"]] + self._number(0.0, 0.04), 3)
             case "stove":
-                return FixtureDesign(
-                    kind=kind, width=width, height=0.5, count=self._choice((2, 3, 4)[: int(8 * (width - 0.1)) - 1])
-                )
+                sizes["count"], sizes["height"] = self._choice((2, 3, 4)[: int(8 * (width - 0.1)) - 1]), 0.5
             case "wall_sliding":
-                height, hinge = self._number(0.35, 0.4), self._choice(("left", "right"))
-                return FixtureDesign(kind=kind, width=width, height=height, handle=self._handle, hinge=hinge)
+                sizes["height"], sizes["hinge"] = self._number(0.35, 0.4), self._choice(("left", "right"))
             case _:
-                count = 2 if width > 0.55 else 1
-                hinge = self._choice(("left", "right")) if count == 1 else None
-                height = self._number(0.35, 0.4) if kind == "wall_doors" else self._number(0.4, 0.5)
-                return FixtureDesign(
-                    kind=kind, width=width, height=height, count=count, handle=self._handle, hinge=hinge
-                )
+                sizes["count"] = 2 if width > 0.55 else 1
+                sizes["hinge"] = self._choice(("left", "right")) if sizes["count"] == 1 else None
+                sizes["height"] = self._number(0.35, 0.4) if kind == "wall_doors" else self._number(0.4, 0.5)
+        return FixtureDesign(kind=kind, **sizes)
 
     def _number(self, low: float, high: float) -> float:
         return round(float(self._generator.uniform(low, high)), 3)
@@ -458,13 +430,12 @@ class _Grammar:
         return values[int(self._generator.choice(len(values), p=weights))]
 
 
-# Height of the fronts of drawers with their worktop, by their number [m].
-WORKTOP_AND_DRAWERS = {1: 0.18, 2: 0.28}
-
-
-def _split_of(design: KitchenDesign) -> str:
-    """Returns the split that has all designs with a sequence of fixtures: a quarter of the sequences is for tests."""
-    return SPLITS[zlib.crc32(design.sequence.encode()) % 4 == 0]
+def _row(
+    side: str, level: str, distance: float, start: float, *fixtures: FixtureDesign, height: float | None = None
+) -> Row:
+    """Returns a row, with its places rounded to millimetres."""
+    distance, start, height = round(distance, 3), round(start, 3), height if height is None else round(height, 3)
+    return Row(side=side, level=level, distance=distance, start=start, height=height, fixtures=fixtures)
 
 
 @functools.lru_cache(maxsize=4096)
@@ -473,16 +444,14 @@ def _drawn(number: int, split: str) -> KitchenDesign:
     grammar_draws = np.random.default_rng([SPLITS.index(split), number])
     while True:
         design = _Grammar(grammar_draws).design(f"{split}/{number}")
-        if _split_of(design) != split:
+        # A quarter of the sequences of fixtures is for tests.
+        if SPLITS[zlib.crc32(design.sequence.encode()) % 4 == 0] != split:
             continue
         kinds = {placed.design.kind for placed in design.placed}
-        if not kinds & {"oven", "stove"} or not kinds - {"oven", "stove", "hood"}:
-            continue
-        try:
-            design.check()
-        except ValueError:
-            continue
-        return design
+        if kinds & {"oven", "stove"} and kinds - {"oven", "stove", "hood"}:
+            with contextlib.suppress(ValueError):
+                design.check()
+                return design
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -498,18 +467,18 @@ class GeneratedKitchen(Scene):
     parts: tuple[tuple[str, Part], ...]
 
     @property
+    def part_names(self) -> tuple[str, ...]:
+        """Names of the parts, such as `drawers_1/drawer_2`."""
+        return tuple(f"{name}/{part.joint or part.handle}" for name, part in self.parts)
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Those of every scene, and factors of damping and of dry friction of all drawers, doors and knobs together."""
         joints = [self.props[name].mjcf_model.find("joint", part.joint) for name, part in self.parts if part.joint]
         return (*super().parameters, *door_parameters("fixtures", joints))
 
 
-def build_generated_kitchen(
-    design: Design = 0,
-    split: str = "train",
-    *,
-    visuals: bool = True,
-) -> GeneratedKitchen:
+def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals: bool = True) -> GeneratedKitchen:
     """Builds the kitchen of a design.
 
     Args:
@@ -585,12 +554,9 @@ def _add_surroundings(arena: GeneratedKitchenArena, design: KitchenDesign) -> No
 def _fillings(placed: Placed, wall: float, style: Style) -> Iterator[tuple[str, Vector, Vector, Vector]]:
     """Yields names, corners in a fixture's frame [m] and colours of the boxes that complete the fixture.
 
-    Args:
-      placed: the fixture.
-      wall: distance of the wall behind it from the axis of the robot's base [m].
-      style: of the kitchen.
+    `wall` is the distance of the wall behind it from the axis of the robot's base [m].
     """
-    extent: Extent = KINDS[placed.design.kind].extent(placed.design)
+    extent = KINDS[placed.design.kind].extent(placed.design)
     (left, _, bottom), (right, depth, top) = extent.low, extent.high
     back, floor = wall - placed.row.distance, FLOOR - placed.position[2]
     if placed.row.level != "counter":

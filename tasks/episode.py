@@ -154,15 +154,7 @@ class Stepper:
             # After control has read the physics: only a single simulation is evaluated anew, a batch as it steps.
             push = self.pusher.push(self.simulation, push, state.mdp_state)
         # `_replace` takes twice as long, here and below.
-        return EpisodeState(
-            mdp_state=state.mdp_state,
-            command=command,
-            sensing=sensing,
-            push=push,
-            variation=state.variation,
-            action=action,
-            target=target,
-        ), ctrl
+        return EpisodeState(state.mdp_state, command, sensing, push, state.variation, action, target), ctrl
 
     def observe(self, state: EpisodeState, reading: Any, draws: NDArray[np.float64]) -> EpisodeState:
         """Returns the state after the physics of the control step.
@@ -177,12 +169,4 @@ class Stepper:
         after = self.mdp.step(
             state.mdp_state, action=state.action, target=state.target, reading=reading, draws=state.scaled(draws)
         )
-        return EpisodeState(
-            mdp_state=after,
-            command=state.command,
-            sensing=state.sensing,
-            push=state.push,
-            variation=state.variation,
-            action=state.action,
-            target=state.target,
-        )
+        return EpisodeState(after, *state[1:])

@@ -37,8 +37,6 @@ State = TypeVar("State", bound=tuple)
 # Draw of an action mode that draws nothing: the median of U(0, 1).
 MEDIAN = 0.5
 
-_NO_DRAWS = np.zeros(0)
-
 
 def total(terms: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
     """Returns the reward `(...)`, the sum of its terms."""
@@ -336,7 +334,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
     def draw_noise(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
         """Returns draws `(noise_draws,)` from U(-1, 1)."""
         size = self.noise_draws
-        return random_state.uniform(-1.0, 1.0, size) if size else _NO_DRAWS
+        return random_state.uniform(-1.0, 1.0, size) if size else np.zeros(0)
 
     @abc.abstractmethod
     def initial_state(self, reading: Reading, draws: NDArray[np.float64]) -> State:

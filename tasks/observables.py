@@ -3,7 +3,6 @@
 import collections
 import contextlib
 import dataclasses
-import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -67,17 +66,20 @@ def offered(scene: Scene) -> dict[str, ExtraObservable]:
         ),
         f"{robot}base_pose": dataclasses.replace(_pose(scene.robot, "the robot's base"), of_robot=True),
     }
+    of_handles = {}
+    for name, prop in scene.props.items():
+        if handles := prop.handles:
+            content = f"positions in the world of {', '.join(f'`{site.name}`' for site in handles)} [m]"
+            sensors = tuple(("framepos", site) for site in handles)
+            extra = ExtraObservable(content=content, size=3 * len(handles), sensors=sensors)
+            of_handles[f"{name}/handle_positions"] = extra
     poses = {f"{name}/pose": _pose(prop, "its frame") for name, prop in scene.props.items()}
-    return {**of_robot, **dict(_handles(scene)), **poses}
+    return {**of_robot, **of_handles, **poses}
 
 
 def slices(scene: Scene, names: Sequence[str]) -> dict[str, slice]:
     """Returns the slice of each extra observable among their elements, end to end in the order of observation."""
-    return _slices(_checked(names, offered(scene)))
-
-
-def _slices(wanted: Mapping[str, ExtraObservable]) -> dict[str, slice]:
-    """Returns the slice of each of some quantities, end to end."""
+    wanted = _checked(names, offered(scene))
     stops = itertools.accumulate(extra.size for extra in wanted.values())
     return {name: slice(stop - extra.size, stop) for (name, extra), stop in zip(wanted.items(), stops, strict=True)}
 
@@ -90,14 +92,6 @@ def _pose(entity: composer.Entity, owner: str) -> ExtraObservable:
         sensors=(("framepos", frame), ("framequat", frame)),
         of_layout=mjcf.get_frame_freejoint(entity.mjcf_model) is None,
     )
-
-
-def _handles(scene: Scene) -> Iterator[tuple[str, ExtraObservable]]:
-    for name, prop in scene.props.items():
-        if handles := prop.handles:
-            content = f"positions in the world of {', '.join(f'`{site.name}`' for site in handles)} [m]"
-            sensors = tuple(("framepos", site) for site in handles)
-            yield f"{name}/handle_positions", ExtraObservable(content=content, size=3 * len(handles), sensors=sensors)
 
 
 class _Sensors(FeatureSensors):
@@ -139,11 +133,15 @@ class ExtraObservables:
                     self._sensors.add_frame(f"{name} {number}", kind, element)
         self._wanted = wanted
         self.size = sum(extra.size for extra in wanted.values())
-        self.slices = _slices(wanted)
+        self.slices = slices(scene, names)
         self.of_robot = tuple(name for name, extra in wanted.items() if extra.of_robot)
         self.of_layout = tuple(name for name, extra in wanted.items() if extra.of_layout)
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
-            (name, observable.Generic(functools.partial(self._observe, name))) for name in wanted
+            (
+                name,
+                observable.Generic(lambda physics, name=name: self._part(name, self._sensors.read(self._simulation))),
+            )
+            for name in wanted
         )
         for part in self.by_name.values():
             part.enabled = True
@@ -171,9 +169,6 @@ class ExtraObservables:
         """Returns the elements `(..., k)` of one quantity from the values of all sensors."""
         indices = [self._sensors.indices[f"{name} {i}"] for i in range(len(self._wanted[name].sensors))]
         return self._wanted[name].combine(values[..., indices[0].start : indices[-1].stop])
-
-    def _observe(self, name: str, physics: mjcf.Physics) -> NDArray[np.float64]:
-        return self._part(name, self._sensors.read(self._simulation))
 
 
 def _checked(names: object, choices: Mapping[str, ExtraObservable]) -> dict[str, ExtraObservable]:
@@ -269,19 +264,6 @@ class Pictures:
         """Those of kind `pixels`."""
         return tuple(picture for picture in self.pictures if picture.kind == "pixels")
 
-    def taken_at(
-        self, physics: mjcf.Physics, columns: NDArray[np.int64], positions: NDArray[np.float64]
-    ) -> NDArray[np.uint8]:
-        """Returns the `colour` pictures `(c, height, width, 3)` of a physics with other positions.
-
-        Args:
-          physics: whose qpos is as before afterwards.
-          columns: `(k,)`, of the positions in qpos.
-          positions: `(k,)`, while the pictures are taken [rad, m, quaternion].
-        """
-        with shown_at(physics, columns, positions):
-            return np.stack([picture.taker.observation_callable(physics)() for picture in self.colour])
-
     def takers(self, physics: mjcf.Physics) -> Mapping[str, Callable[[], NDArray]]:
         """Returns a function for each picture, by observation key, that takes it of a physics as it is at present."""
         return {name: taker.observation_callable(physics) for name, taker in self.by_name.items()}
@@ -317,7 +299,6 @@ def _names(value: object, what: str) -> Sequence[object]:
 
 
 def _checked_size(size: object, root: mjcf.RootElement) -> tuple[int, int]:
-    """Returns height and width."""
     if isinstance(size, str) or not isinstance(size, Sequence) or len(size) != 2:
         raise TypeError(f"image_size must be (height, width), got {checks.shown(size)}")
     # MuJoCo's default is 640 x 480.

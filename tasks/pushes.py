@@ -17,8 +17,6 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.mdp import MDP, Simulation
 from kitchen_suite.tasks.variations.distributions import Bands, Choice, ParameterVariation
 
-GROUP = "push"
-
 # Joints of the arm, without the fingers.
 _ARM = 7
 
@@ -27,7 +25,7 @@ _STEP, _UNDOES, _WHICH, _OFFSETS = "push/step", "push/undoes", "push/which", "pu
 
 def _either(name: str, distribution: Bands | Choice) -> ParameterVariation:
     """Returns a variation that is the same for training and for evaluation."""
-    return ParameterVariation(name=name, group=GROUP, seen=distribution, held_out=distribution)
+    return ParameterVariation(name=name, group="push", seen=distribution, held_out=distribution)
 
 
 # After 20 to 120 control steps, one in two undoes a completed task; all others, and those before which none has been

@@ -504,6 +504,32 @@ class SuiteTask(composer.Task):
         self.publish(physics)
 
 
+class OpeningTask(SuiteTask):
+    """A task that opens a drawer or a door.
+
+    Attributes:
+      opened: `drawer` or `door`; infos have its opening, [m] or as a share of the goal, as `<opened>_opening`.
+    """
+
+    opened: ClassVar[str]
+
+    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
+        """Returns whether it is open now, whether it was at any time, and its opening now."""
+        return {
+            "success": bool(infos["is_success"]),
+            "success_at_any_time": bool(infos["success_at_any_time"]),
+            f"{self.opened}_opening": float(self.progress_in(infos)),
+        }
+
+    def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Returns its opening."""
+        return infos[f"{self.opened}_opening"]
+
+    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
+        key = "info/is_success"
+        return ((self.opened,), arrays[key][:, np.newaxis]) if key in arrays else None
+
+
 class Highlighting:
     """Colours of some objects: their own, or green where the task counts them as a success."""
 

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 # Arguments of functions of the suite that are set by others of its functions.
 _SET_BY_THE_SUITE = ("self", "scene", "root")
 
-# Arguments of `Environment` that `Domain.load` sets.
-_SET_OF_ENVIRONMENT = ("task", "time_limit", "random_state")
-
 # Entry points of the classes for any domain.
 GENERIC_ENV = "kitchen_suite.gymnasium_env.base:SuiteEnv"
 GENERIC_VECTOR_ENV = "kitchen_suite.vector_env.base:SuiteVectorEnv"
@@ -138,7 +135,7 @@ class Domain:
         constructors = [vars(base)["__init__"] for base in inspect.getmro(task)[:-1] if "__init__" in vars(base)]
         for constructor in constructors:
             functions.append(constructor)
-            if not _passes_on(constructor):
+            if all(parameter.kind != parameter.VAR_KEYWORD for parameter in _parameters(constructor).values()):
                 return tuple(functions)
         return (*functions, Pictures, *task.control_modes.values())
 
@@ -200,9 +197,9 @@ class Domain:
         task = build_task(scene, **task_arguments)
         limit = self.episode_steps * task.control_timestep if time_limit == "default" else time_limit
         limit = math.inf if limit is None else checks.number(limit, "time_limit", positive=True)
-        constructors = Environment, *Environment.__bases__
+        constructors, own = (Environment, *Environment.__bases__), ("task", "time_limit", "random_state")
         given = environment_kwargs or {}
-        checks.keywords(given, *constructors, what="environment argument", exclude=_SET_OF_ENVIRONMENT)
+        checks.keywords(given, *constructors, what="environment argument", exclude=own)
         if render_quality != "high":
             from kitchen_suite.entities.assets import is_visual
             from kitchen_suite.rendering.quality import set_render_quality
@@ -216,13 +213,7 @@ def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]
     return inspect.signature(function).parameters
 
 
-def _passes_on(constructor: Callable[..., Any]) -> bool:
-    """Whether a constructor takes arguments that it does not name, which it hands to the next one."""
-    return any(parameter.kind == parameter.VAR_KEYWORD for parameter in _parameters(constructor).values())
-
-
 def _check_form(text: object, form: re.Pattern[str], what: str) -> None:
-    """Raises a TypeError or ValueError unless `text` is a string that matches `form` as a whole."""
     if not isinstance(text, str):
         raise TypeError(f"{what} must be a string, got {checks.shown(text)}")
     if not form.fullmatch(text):

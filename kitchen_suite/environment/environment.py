@@ -370,22 +370,18 @@ class Environment(composer.Environment):
             ...  # the after_step hooks
             self._observation_updater.update()
 
-        Without substep hooks and buffered observables only the last state matters. The loop then runs once.
+        Without substep hooks, of task, entities or user, and buffered observables only the last state matters. The loop
+        then runs once.
         """
-        observables = self._task.observables.values()
-        needs_each = any(part.enabled and not is_unbuffered(part) for part in observables) or self._has_substep_hooks()
-        self._steps_per_call = 1 if needs_each else self._physics_steps
-        self._n_sub_steps = self._physics_steps // self._steps_per_call
-
-    def _has_substep_hooks(self) -> bool:
-        """Whether the task, an entity or the user has a hook that runs between physics steps."""
-        cls = type(self._task)
-        hooks = (self._hooks._before_substep, self._hooks._after_substep)  # noqa: SLF001
-        return (
-            cls.before_substep is not composer.Task.before_substep
+        cls, hooks = type(self._task), (self._hooks._before_substep, self._hooks._after_substep)  # noqa: SLF001
+        needs_each = (
+            any(part.enabled and not is_unbuffered(part) for part in self._task.observables.values())
+            or cls.before_substep is not composer.Task.before_substep
             or cls.after_substep is not composer.Task.after_substep
             or any(hook.entity_hooks or hook.extra_hooks for hook in hooks)
         )
+        self._steps_per_call = 1 if needs_each else self._physics_steps
+        self._n_sub_steps = self._physics_steps // self._steps_per_call
 
     def _substep(self, action: ArrayLike) -> None:
         if self._steps_per_call == 1:

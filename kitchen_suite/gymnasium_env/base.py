@@ -3,7 +3,7 @@
 import copy
 import inspect
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, Self
 
 import gymnasium
@@ -43,6 +43,10 @@ class SuiteEnv(gymnasium.Env):
     Info: that of the task's MDP, in arrays of shape `()`, and `episode_step`, the number of control steps.
 
     Attributes:
+      environment: the suite's environment.
+      composer_task: its task; `task` is its sentence, as LeRobot expects.
+      max_episode_steps: control steps after which the environment itself truncates; None if it never does.
+      observations: converts between the forms of observations.
       clips_actions: whether actions have to be clipped to the `action_limit`.
       varies: whether parameters vary from episode to episode.
       default_domain: name of the domain where none is given; empty for a class of any domain.
@@ -140,10 +144,11 @@ class SuiteEnv(gymnasium.Env):
         self.render_mode = None if render_mode is None else rendering.checked_render_mode(render_mode)
         if max_episode_steps is not None:
             checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
-        self._max_episode_steps = max_episode_steps
+        # LeRobot reads it with the underscore.
+        self.max_episode_steps = self._max_episode_steps = max_episode_steps
         limit = math.inf if action_limit is None else checks.number(action_limit, "action_limit", positive=True)
         with_visuals = render_mode is not None or with_pictures
-        self._environment = record.load(
+        self.environment: Environment = record.load(
             time_limit=None,
             visuals=with_visuals if visuals is None else checks.boolean(visuals, "visuals"),
             render_quality=render_quality,
@@ -151,16 +156,16 @@ class SuiteEnv(gymnasium.Env):
             # None stands for the domain's own control mode.
             **{name: value for name, value in options.items() if (name, value) != ("control_mode", None)},
         )
-        self._task = self._environment.task
-        observations.check_extras(self._task, obs_type, self.obs_types)
+        self.composer_task = self.environment.task
+        observations.check_extras(self.composer_task, obs_type, self.obs_types)
         self._set_action_space(limit)
-        self.varies = bool(self._task.variations.by_name)
+        self.varies = bool(self.composer_task.variations.by_name)
         self._physics_info = {} if physics == EXACT else {PHYSICS: physics}
-        self._renderer.check_camera(self._environment)
-        rate = 1 / self._environment.control_timestep()
+        self._renderer.check_camera(self.environment)
+        rate = 1 / self.environment.control_timestep()
         self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}
-        self._observations = self._make_observations(obs_type)
-        self.observation_space = self._observations.space
+        self.observations = self._make_observations(obs_type)
+        self.observation_space = self.observations.space
         self._bound_random: np.random.Generator | None = None
         self._episode_step = 0
 
@@ -195,7 +200,7 @@ class SuiteEnv(gymnasium.Env):
 
     def _set_action_space(self, limit: float) -> None:
         """Sets the space of actions, in single precision, with the limit where the control mode has no bounds."""
-        spec = self._environment.action_spec()
+        spec = self.environment.action_spec()
         (self._action_size,) = spec.shape
         self._action_limit = math.inf if isinstance(spec, specs.BoundedArray) else limit
         self.clips_actions = self._action_limit < math.inf
@@ -203,12 +208,9 @@ class SuiteEnv(gymnasium.Env):
         low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
         self.action_space = spaces.Box(low, high, dtype=np.float32)
 
-    def _make_observations(self, obs_type: str) -> Observations:
-        return Observations(self._environment, obs_type, **self._observation_settings())
-
-    def _observation_settings(self) -> dict[str, Any]:
-        """Returns the keyword arguments of `Observations`."""
-        return {"robot_keys": self.robot_keys, "limit": self.observation_limit, "dtype": self.observation_dtype}
+    def _make_observations(self, obs_type: str, make: Callable[..., Observations] = Observations) -> Observations:
+        limit, dtype = self.observation_limit, self.observation_dtype
+        return make(self.environment, obs_type, robot_keys=self.robot_keys, limit=limit, dtype=dtype)
 
     def __getstate__(self) -> dict[str, Any]:
         return {
@@ -229,64 +231,44 @@ class SuiteEnv(gymnasium.Env):
 
     def __repr__(self) -> str:
         settings = f"render_mode={self.render_mode!r}, max_episode_steps={self._max_episode_steps}"
-        return f"{type(self).__name__}({self._task!r}, {settings})"
-
-    @property
-    def environment(self) -> Environment:
-        """The suite's environment."""
-        return self._environment
-
-    @property
-    def composer_task(self) -> Any:
-        """The task of the suite's environment; `task` is its sentence, as LeRobot expects."""
-        return self._task
-
-    @property
-    def max_episode_steps(self) -> int | None:
-        """Control steps after which the environment itself truncates; None if it never does."""
-        return self._max_episode_steps
+        return f"{type(self).__name__}({self.composer_task!r}, {settings})"
 
     @property
     def instruction(self) -> str:
         """The task's sentence; the empty string if the task has none. LeRobot reads it by its other two names."""
-        return self._task.instruction
+        return self.composer_task.instruction
 
     task = task_description = instruction
 
     @property
     def instructions(self) -> tuple[str, ...]:
         """The task's sentence, then paraphrases of it."""
-        return self._task.instructions
+        return self.composer_task.instructions
 
     @property
     def variation_space(self) -> spaces.Dict:
         """Ranges of the parameters that vary, by name; empty if nothing varies."""
-        ranges = self._task.variations.ranges.items()
+        ranges = self.composer_task.variations.ranges.items()
         return spaces.Dict({name: spaces.Box(low, high, low.shape, np.float64) for name, (low, high) in ranges})
 
     @property
     def variation_values(self) -> dict[str, Any]:
         """Values of these parameters in the present episode, in fresh arrays."""
-        return self._task.variations.values
+        return self.composer_task.variations.values
 
     @property
     def variation_split(self) -> str:
         """`seen` or `held_out`."""
-        return self._task.variations.split
-
-    @property
-    def observations(self) -> Observations:
-        """Converts between the forms of observations."""
-        return self._observations
+        return self.composer_task.variations.split
 
     @property
     def present_observation(self) -> dict[str, NDArray]:
         """The present observation as the suite's own, which policies expect, whatever the observation type."""
-        return self._observations.suite_observation(*self._parts())
+        return self.observations.suite_observation(*self._parts())
 
     def camera_parameters(self, camera: str, width: int, height: int) -> cameras.CameraParameters:
         """Returns intrinsics and extrinsics of a camera, by its name, for images of `width` x `height` pixels."""
-        return cameras.camera_parameters(self._environment.physics, camera, width, height)
+        return cameras.camera_parameters(self.environment.physics, camera, width, height)
 
     def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns actions `(..., k)` clipped to the `action_limit`."""
@@ -295,19 +277,19 @@ class SuiteEnv(gymnasium.Env):
     def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
         """Stores an observation of the suite's environment, and returns it in the observation space."""
         self._observation = observation
-        return self._observations(*self._parts())
+        return self.observations(*self._parts())
 
     def _parts(self) -> tuple[NDArray, Any, Mapping[str, NDArray]]:
         """Returns the present flat observation, the MDP's state, and the observation with the pictures."""
-        return self._observations.flat(self._observation), self._task.state, self._observation
+        return self.observations.flat(self._observation), self.composer_task.state, self._observation
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the info of the last step or reset, in fresh lists and arrays, without that of the variation."""
-        return {**self._task.mdp.info(self._task.state), "episode_step": np.array(self._episode_step)}
+        return {**self.composer_task.mdp.info(self.composer_task.state), "episode_step": np.array(self._episode_step)}
 
     def _all_infos(self) -> dict[str, Any]:
         """Returns the infos of the task and of its variation, and the physics unless it is the exact one."""
-        return {**self._get_info(), **(self._task.variations.info if self.varies else {}), **self._physics_info}
+        return {**self._get_info(), **(self.composer_task.variations.info if self.varies else {}), **self._physics_info}
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode; a bad argument raises a TypeError or ValueError that names it.
@@ -322,17 +304,17 @@ class SuiteEnv(gymnasium.Env):
         """
         if seed is not None:
             checks.integer(seed, "seed", minimum=0)
-        names = (STATE, VARIATION, VARIATION_VALUES, *self._task.requests.options)
+        names = (STATE, VARIATION, VARIATION_VALUES, *self.composer_task.requests.options)
         chosen = checks.reset_options(options, names, elsewhere=(RESET_MASK,))
         state = chosen.get(STATE)
         if state is None:
-            own = self._task.requests.checked(chosen)
+            own = self.composer_task.requests.checked(chosen)
             self.check_pictures(chosen)
-            variations = self._task.variations
+            variations = self.composer_task.variations
             variations.follow(variations.request(chosen.get(VARIATION), chosen.get(VARIATION_VALUES)))
-            self._task.requests.follow(own)
+            self.composer_task.requests.follow(own)
         elif len(chosen) > 1:
-            others = " and ".join((VARIATION, VARIATION_VALUES, *self._task.requests.options))
+            others = " and ".join((VARIATION, VARIATION_VALUES, *self.composer_task.requests.options))
             raise ValueError(f"a state has its own values: leave out {others}")
         if isinstance(state, Mapping) and state.get("reset_next_step"):
             raise ValueError("the state is of no episode: it was saved before a reset, or after the physics diverged")
@@ -343,8 +325,9 @@ class SuiteEnv(gymnasium.Env):
         self._bind_random_state()
         if state is None:
             self._episode_step = 0
-            observation = self._get_obs(self._environment.reset().observation)
-        self._render_window()
+            observation = self._get_obs(self.environment.reset().observation)
+        if self.render_mode == "human":
+            self.render()
         return observation, {**self._all_infos(), **self._infos_of_reset(chosen)}
 
     def check_pictures(self, options: Mapping[str, Any]) -> None:
@@ -368,21 +351,25 @@ class SuiteEnv(gymnasium.Env):
             # NaN and inf must not be clipped away: check first. Without a limit only the task checks.
             action = self.clip_actions(checks.vector(action, self._action_size, "action"))
         self._bind_random_state()
-        timestep = self._environment.step(action)
+        timestep = self.environment.step(action)
         self._episode_step = 0 if timestep.first() else self._episode_step + 1
         if timestep.last():
             # The next step continues the episode, as in FrankaKitchen-v1.
-            self._environment.continue_episode()
+            self.environment.continue_episode()
         terminated = timestep.last() and timestep.discount == 0.0
         at_limit = self._max_episode_steps is not None and self._episode_step >= self._max_episode_steps
-        self._render_window()
-        reward, truncated = 0.0 if timestep.first() else float(timestep.reward), at_limit or self._task.truncates
+        if self.render_mode == "human":
+            self.render()
+        reward, truncated = (
+            0.0 if timestep.first() else float(timestep.reward),
+            at_limit or self.composer_task.truncates,
+        )
         return self._get_obs(timestep.observation), reward, terminated, truncated, self._all_infos()
 
     def get_state(self) -> dict[str, Any]:
         """Returns the state on which later steps depend, as nested dicts of strings, numbers and arrays."""
         self._bind_random_state()
-        return {**self._environment.get_state(), "episode_step": self._episode_step}
+        return {**self.environment.get_state(), "episode_step": self._episode_step}
 
     def set_state(self, state: Mapping[str, Any]) -> Any:
         """Sets a state returned by `get_state` of this environment, or of another one built with the same arguments.
@@ -401,7 +388,7 @@ class SuiteEnv(gymnasium.Env):
         step = checks.integer(state.get("episode_step"), "state['episode_step']", minimum=0)
         self._bind_random_state()
         inner = {key: value for key, value in state.items() if key != "episode_step"}
-        observation = self._get_obs(self._environment.set_state(inner))
+        observation = self._get_obs(self.environment.set_state(inner))
         self._episode_step = step
         return observation
 
@@ -410,22 +397,18 @@ class SuiteEnv(gymnasium.Env):
         if self.render_mode is None:
             gymnasium.logger.warn("render() was called without a render_mode; pass one to the constructor")
             return None
-        return self._renderer.render(self._environment, self.render_mode)
+        return self._renderer.render(self.environment, self.render_mode)
 
     def close(self) -> None:
         self._renderer.close()
-        if self._observations.has_pictures:
-            self._environment.physics.free_context()
+        if self.observations.has_pictures:
+            self.environment.physics.free_context()
 
     def _bind_random_state(self) -> None:
         """Makes the suite's environment draw from `np_random`, which Gymnasium replaces at each seeding."""
         if self._bound_random is not self.np_random:
             self._bound_random = self.np_random
-            self._environment.random_state = np.random.RandomState(self.np_random.bit_generator)
-
-    def _render_window(self) -> None:
-        if self.render_mode == "human":
-            self.render()
+            self.environment.random_state = np.random.RandomState(self.np_random.bit_generator)
 
 
 def suite_env(environment: gymnasium.Env) -> SuiteEnv:

@@ -1,6 +1,7 @@
 """The kitchen as a Gymnasium environment with the interface of FrankaKitchen-v1."""
 
 import contextlib
+import functools
 import io
 import math
 from collections.abc import Mapping, Sequence
@@ -20,14 +21,7 @@ from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS, SIZE
-from kitchen_suite.tasks.kitchen.requests import (
-    GOAL_PIXELS,
-    GOAL_STATES,
-    RENDER_GOAL,
-    REQUESTED,
-    STATE_SIZE,
-    TASK_ID,
-)
+from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, RENDER_GOAL, REQUESTED, STATE_SIZE, TASK_ID
 from kitchen_suite.tasks.observables import shown_at
 
 with contextlib.redirect_stderr(io.StringIO()):
@@ -127,6 +121,10 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
       `render`.
     Info, always: `is_success`, whether all tasks that the episode asks for have been completed, and `episode_step`;
       numbers, or arrays of shape `()` with `info_format="arrays"`.
+
+    Attributes:
+      info_format: `lists` or `arrays`.
+      has_instructions: whether infos have the task's sentence.
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
@@ -169,9 +167,9 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           **arguments: others of `KitchenTask`, and those of `build_kitchen_scene` and of `SuiteEnv`.
         """
         self._goal_format = checks.choice(goal_format, ("dict", "flat"), "goal_format")
-        self._info_format = checks.choice(info_format, ("lists", "arrays"), "info_format")
-        self._instructed = checks.boolean(instructions, "instructions")
-        if self._instructed and info_format == "arrays":
+        self.info_format = checks.choice(info_format, ("lists", "arrays"), "info_format")
+        self.has_instructions = checks.boolean(instructions, "instructions")
+        if self.has_instructions and info_format == "arrays":
             raise ValueError("instructions=True needs info_format='lists': infos of 'arrays' hold no strings")
         super().__init__(
             tasks_to_complete=tasks_to_complete,
@@ -181,40 +179,29 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             robot_noise_ratio=robot_noise_ratio,
             **arguments,
         )
-        if self._instructed and not self.instruction:
-            name = type(self._task).__name__
+        if self.has_instructions and not self.instruction:
+            name = type(self.composer_task).__name__
             raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
 
-    def _make_observations(self, obs_type: str) -> KitchenObservations:
+    def _make_observations(self, obs_type: str, make: Any = KitchenObservations) -> observations.Observations:
         # Goals are read from the task's state: faster than one observable for each task.
-        for key, part in self._task.task_observables.items():
+        for key, part in self.composer_task.task_observables.items():
             part.enabled = not key.startswith((*_GOALS, GOAL_STATES, REQUESTED, GOAL_PIXELS))
-        settings = self._observation_settings()
-        return KitchenObservations(self._environment, obs_type, flat_goals=self._goal_format == "flat", **settings)
-
-    @property
-    def info_format(self) -> str:
-        """`lists` or `arrays`."""
-        return self._info_format
-
-    @property
-    def has_instructions(self) -> bool:
-        """Whether infos have the task's sentence."""
-        return self._instructed
+        return super()._make_observations(obs_type, functools.partial(make, flat_goals=self._goal_format == "flat"))
 
     def _get_info(self) -> dict[str, Any]:
-        task = self._task
+        task = self.composer_task
         info = task.mdp.info(task.state)
         names = {
             TO_COMPLETE: task.tasks_to_complete,
             STEP_COMPLETIONS: task.step_task_completions,
             EPISODE_COMPLETIONS: task.episode_task_completions,
-            **({INSTRUCTION: self.instruction} if self._instructed else {}),
+            **({INSTRUCTION: self.instruction} if self.has_instructions else {}),
             **({VARIATION_SPLIT: task.variations.split} if self.varies else {}),
             **({REQUESTED: task.requested_tasks} if task.mdp.task_draw else {}),
         }
         return {
-            **(names if self._info_format == "lists" else {}),
+            **(names if self.info_format == "lists" else {}),
             **info,
             "is_success": self._number(bool(info["is_success"])),
             "episode_step": self._number(self._episode_step),
@@ -223,7 +210,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     def _infos_of_reset(self, options: Mapping[str, Any]) -> dict[str, Any]:
         if options.get(TASK_ID) is None and options.get(RENDER_GOAL) is None:
             return {}
-        goal = self._task.mdp.goal_state(self._task.state)
+        goal = self.composer_task.mdp.goal_state(self.composer_task.state)
         pictures = {"goal_rendered": self.render_goal(goal)} if options.get(RENDER_GOAL) else {}
         return {"goal": goal_observation(goal), **pictures}
 
@@ -233,7 +220,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
 
     def render_goal(self, goal: NDArray[np.float64]) -> NDArray:
         """Returns what `render` would show of a state of the kitchen `(30,)`."""
-        with shown_at(self._environment.physics, self._task.mdp.sensors.indices.state_qpos, goal):
+        with shown_at(self.environment.physics, self.composer_task.mdp.sensors.indices.state_qpos, goal):
             return np.asarray(self.render())
 
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
@@ -254,7 +241,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           ValueError: a task is missing, shapes do not fit, or a dense reward lacks infos.
         """
         achieved, desired = self._flatten_goals(achieved_goal, desired_goal)
-        return _item(goal_rewards.reward(achieved, desired, info, self._task.mdp))
+        return _item(goal_rewards.reward(achieved, desired, info, self.composer_task.mdp))
 
     def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Returns whether a step that led to `achieved_goal` terminates.
@@ -262,8 +249,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         Arguments and errors as of `compute_reward`.
         """
         achieved, desired = self._flatten_goals(achieved_goal, desired_goal)
-        completed = goal_rewards.terminated(achieved, desired, info, self._task.mdp)
-        return _item(completed & self._task.mdp.terminate_on_tasks_completed)
+        completed = goal_rewards.terminated(achieved, desired, info, self.composer_task.mdp)
+        return _item(completed & self.composer_task.mdp.terminate_on_tasks_completed)
 
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Returns whether a step truncates, by the info's `episode_step` and `completion_steps`.
@@ -271,7 +258,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         It does not know a time limit that `gymnasium.make` counts. Arguments and errors as of `compute_reward`.
         """
         achieved, _ = self._flatten_goals(achieved_goal, desired_goal)
-        shape, task_limit = achieved.shape[:-1], self._task.mdp.max_task_steps
+        shape, task_limit = achieved.shape[:-1], self.composer_task.mdp.max_task_steps
         limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
         truncated = goal_rewards.episode_steps(info, shape) >= limit
         if task_limit is not None:
@@ -279,12 +266,11 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         return _item(truncated)
 
     def _flatten_goals(self, achieved: Goal, desired: Goal) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        flat, goals = goal_rewards.flatten, self._task.mdp.goals
+        flat, goals = goal_rewards.flatten, self.composer_task.mdp.goals
         return flat(achieved, goals, "achieved_goal"), flat(desired, goals, "desired_goal")
 
     def _number(self, value: int) -> int | NDArray:
-        """Returns a number of the info in the `info_format`."""
-        return np.array(value) if self._info_format == "arrays" else value
+        return np.array(value) if self.info_format == "arrays" else value
 
 
 def goal_observation(goal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -295,7 +281,6 @@ def goal_observation(goal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _item(value: NDArray) -> Any:
-    """Returns an array, or the number in an array without axes."""
     return value if value.ndim else value.item()
 
 

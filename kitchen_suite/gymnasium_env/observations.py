@@ -125,7 +125,12 @@ class Observations:
         self._parts = {key: part for kind in OBS_TYPES[obs_type] for key, part in kinds[kind]().items()}
         self._parts |= self.request_parts()
         self._is_array = OBS_TYPES[obs_type] == ("observation",)
-        self.space = self._make_space()
+        boxes = {key: part.space for key, part in self._parts.items()}
+        if self._is_array:
+            low, high = (np.concatenate([getattr(box, side) for box in boxes.values()]) for side in ("low", "high"))
+            self.space: spaces.Space = spaces.Box(low, high, dtype=dtype)
+        else:
+            self.space = next(iter(boxes.values())) if len(boxes) == 1 else spaces.Dict([*boxes.items()])
 
     def goal_parts(self) -> dict[str, Part]:
         """Returns the achieved and the desired goal; empty in a domain without goals."""
@@ -154,13 +159,6 @@ class Observations:
         for picture in self._task.pictures.pictures:
             kinds.setdefault(picture.kind, {})[picture_key(picture.camera)] = picture
         return {kind: picture_part(by_camera) for kind, by_camera in kinds.items()}
-
-    def _make_space(self) -> spaces.Space:
-        boxes = {key: part.space for key, part in self._parts.items()}
-        if self._is_array:
-            low, high = (np.concatenate([getattr(box, side) for box in boxes.values()]) for side in ("low", "high"))
-            return spaces.Box(low, high, dtype=self._dtype)
-        return next(iter(boxes.values())) if len(boxes) == 1 else spaces.Dict([*boxes.items()])
 
     def __call__(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> Any:
         """Returns an observation; arguments as of `Part.read`."""
@@ -225,7 +223,11 @@ def picture_key(camera: str) -> str:
 
 def picture_part(by_camera: Mapping[str, Picture]) -> Part:
     """Returns the part with the pictures of one kind: an array of one camera, or a dict by camera."""
-    boxes = {key: _box(picture) for key, picture in by_camera.items()}
+    specs = {key: picture.taker.array_spec for key, picture in by_camera.items()}
+    boxes = {
+        key: spaces.Box(spec.minimum.item(), spec.maximum.item(), spec.shape, spec.dtype.type)
+        for key, spec in specs.items()
+    }
     if len(by_camera) == 1:
         ((key, picture),) = by_camera.items()
         return Part(boxes[key], lambda flat, state, pictures: pictures[picture.key])
@@ -233,8 +235,3 @@ def picture_part(by_camera: Mapping[str, Picture]) -> Part:
         spaces.Dict([*boxes.items()]),
         lambda flat, state, pictures: {key: pictures[each.key] for key, each in by_camera.items()},
     )
-
-
-def _box(picture: Picture) -> spaces.Box:
-    spec = picture.taker.array_spec
-    return spaces.Box(spec.minimum.item(), spec.maximum.item(), spec.shape, spec.dtype.type)

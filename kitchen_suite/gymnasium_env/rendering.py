@@ -16,8 +16,6 @@ RENDER_MODES = ("human", "rgb_array", "depth_array")
 # Greatest width and height [pixels]: with four samples a pixel, an image of 4096 x 4096 takes a GL library about 1 GiB.
 MAX_SIZE = 4096
 
-_MAX_GEOMS = 100_000
-
 _VISUAL_FLAGS = range(int(mujoco.mjtVisFlag.mjNVISFLAG))
 
 
@@ -45,7 +43,7 @@ class Renderer:
             "height": checks.integer(height, "height", minimum=1, maximum=MAX_SIZE),
             "camera_id": camera_id,
             "camera_name": camera_name,
-            "max_geom": checks.integer(max_geom, "max_geom", minimum=1, maximum=_MAX_GEOMS),
+            "max_geom": checks.integer(max_geom, "max_geom", minimum=1, maximum=100_000),
             "visual_options": _checked_visual_options(visual_options),
         }
         self._renderer: _MujocoRenderer | None = None
@@ -65,7 +63,11 @@ class Renderer:
     def render(self, environment: Environment, render_mode: str) -> np.ndarray | None:
         """Returns an image, or shows it in a window; raises a RuntimeError if no GL library works here."""
         if self._renderer is None:
-            self._renderer = self._make_renderer(environment)
+            model, data = environment.physics.model.ptr, environment.physics.data.ptr
+            framebuffer = model.vis.global_
+            framebuffer.offwidth = max(framebuffer.offwidth, self._settings["width"])
+            framebuffer.offheight = max(framebuffer.offheight, self._settings["height"])
+            self._renderer = _MujocoRenderer(model, data, **self._settings)
         return self._renderer.render(render_mode)
 
     def close(self) -> None:
@@ -73,13 +75,6 @@ class Renderer:
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-    def _make_renderer(self, environment: Environment) -> "_MujocoRenderer":
-        model, data = environment.physics.model.ptr, environment.physics.data.ptr
-        framebuffer = model.vis.global_
-        framebuffer.offwidth = max(framebuffer.offwidth, self._settings["width"])
-        framebuffer.offheight = max(framebuffer.offheight, self._settings["height"])
-        return _MujocoRenderer(model, data, **self._settings)
 
 
 class _MujocoRenderer(mujoco_rendering.MujocoRenderer):

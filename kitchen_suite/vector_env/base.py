@@ -89,7 +89,12 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         self._template_env = self._templates[0]
         self._task = self._template_env.composer_task
         self._mdp, self._observations = self._task.mdp, self._template_env.observations
-        self._copy_spaces()
+        self.render_mode = self._template_env.render_mode
+        self.metadata = {**self._template_env.metadata, "autoreset_mode": self._autoreset}
+        self.single_action_space = self._template_env.action_space
+        self.single_observation_space = self._template_env.observation_space
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         environments = [self.template_of(i).environment for i in range(self.num_envs)]
         self._tasks = [environment.task for environment in environments]
         self._episodes = BatchEpisodes(environments, threads)
@@ -102,16 +107,6 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
     def _make_templates(self, **settings: Any) -> Sequence[SuiteEnv]:
         """Returns the single environments that start the episodes, in turn those of environments 0, 1, ..."""
         return (self.env_class(**settings),)
-
-    def _copy_spaces(self) -> None:
-        """Takes spaces, metadata and render mode from the template."""
-        template = self._template_env
-        self.render_mode = template.render_mode
-        self.metadata = {**template.metadata, "autoreset_mode": self._autoreset}
-        self.single_action_space = template.action_space
-        self.single_observation_space = template.observation_space
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def __repr__(self) -> str:
         env_id = f"{self.spec.id}, " if self.spec else ""
@@ -323,12 +318,13 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Makes a control step, or starts an episode, except in environments `(n,)` that wait for a reset."""
         applied = self._template_env.clip_actions(actions) if self._template_env.clips_actions else actions
-        self._episodes.check_actions(applied)
+        self._mdp.action_mode.check(applied)
         with self._all_or_nothing():
-            restarting = self._restarting()
+            restarting = self._ended if self._autoreset == AutoresetMode.NEXT_STEP else self._no_one
             stepping = ~(restarting | waiting)
             rewards, terminations, diverged = self._episodes.step(applied, stepping)
-            truncations = ((self._episodes.steps >= self._step_limit) | self._episodes.truncates()) & stepping
+            truncates = self._mdp.truncates(self._episodes.state.mdp_state)
+            truncations = ((self._episodes.steps >= self._step_limit) | truncates) & stepping
             # The episode of an environment that is left out ends.
             self._ended = terminations | truncations | waiting
             self._episodes.start(restarting | diverged)
@@ -338,21 +334,20 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             infos |= self._episodes.masked_variation_info()
             return self._get_obs(), rewards, terminations, truncations, infos
 
-    def _restarting(self) -> NDArray[np.bool_]:
-        """Environments `(n,)` that start an episode instead of a control step: with `NextStep`, where one has ended."""
-        return self._ended if self._autoreset == AutoresetMode.NEXT_STEP else self._no_one
-
     def _restart_in_same_step(self, diverged: NDArray[np.bool_]) -> dict[str, Any]:
         """With `SameStep`, starts an episode where one has ended, unless the divergence of a simulation has started it.
 
         Returns:
-          Infos with the last observation and the last info of each episode that has ended.
+          Infos with the last observation and the last info of each episode that has ended, as Gymnasium formats them.
         """
         if self._autoreset != AutoresetMode.SAME_STEP or not self._ended.any():
             return {}
-        infos = self._final_infos(self._ended)
-        self._episodes.start(self._ended & ~diverged)
-        return infos
+        ended, observations, last = self._ended, self._get_obs(), np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(ended).tolist():
+            last[i] = vector_checks.row(observations, i)
+        info = self._masked_infos(ended)
+        self._episodes.start(ended & ~diverged)
+        return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}
 
     def _check_episodes(self, stepping: NDArray[np.bool_]) -> None:
         """Checks that every environment has an episode; with `Disabled`, also that those stepped need no reset."""
@@ -361,14 +356,6 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         if self._autoreset == AutoresetMode.DISABLED and (self._ended & stepping).any():
             ended = np.flatnonzero(self._ended & stepping).tolist()
             raise gymnasium.error.ResetNeeded(f"the episodes of environments {ended} have ended; reset them first")
-
-    def _final_infos(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
-        """Returns the last observations and infos of episodes that end, as Gymnasium lays them out."""
-        observations, last = self._get_obs(), np.full(self.num_envs, None, dtype=object)
-        for i in np.flatnonzero(ended).tolist():
-            last[i] = vector_checks.row(observations, i)
-        info = self._masked_infos(ended)
-        return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}
 
     def _masked_infos(self, mask: NDArray[np.bool_]) -> dict[str, Any]:
         """Returns all infos in fresh arrays, with masks; 0 or None where the mask `(n,)` is False."""
@@ -394,12 +381,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             raise ValueError("there are no pictures without a render_mode; pass one to the constructor")
         if self._needs_reset:
             raise gymnasium.error.ResetNeeded("call reset() first: there is no episode to render")
-        return tuple(self._render_one(range(self.num_envs)[i]) for i in indices)
-
-    def _render_one(self, i: int) -> NDArray:
-        """Renders environment `i` with its template."""
-        self._episodes.show(i)
-        return cast(NDArray, self.template_of(i).render())
+        images = []
+        for i in [range(self.num_envs)[index] for index in indices]:
+            self._episodes.show(i)
+            images.append(cast(NDArray, self.template_of(i).render()))
+        return tuple(images)
 
     def close_extras(self, **kwargs: Any) -> None:
         for template in self._templates:

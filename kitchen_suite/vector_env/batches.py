@@ -1,6 +1,7 @@
 """Batches of simulations of one model, or of several side by side."""
 
 import ctypes
+import functools
 import os
 import weakref
 from collections.abc import Callable, Sequence
@@ -80,24 +81,18 @@ class JoinedBatch:
         """Returns live rows of a field of the model, which each simulation then has for itself."""
         return self._split([batch.expand(name) for batch in self.batches])
 
-    def reset(self, ids: NDArray, **options: Any) -> None:
-        """Resets some simulations; arguments as of a batch, here and below."""
-        self._call(Batch.reset, ids, **options)
-
-    def forward(self, ids: NDArray, stage: int) -> None:
-        self._call(Batch.forward, ids, stage=stage)
-
-    def step(self, ids: NDArray | None, nstep: int, stage: int) -> None:
-        self._call(Batch.step, ids, nstep=nstep, stage=stage)
-
-    def _call(self, method: Callable[..., None], ids: NDArray | None, **options: Any) -> None:
+    def _call(self, method: Callable[..., None], ids: NDArray | None, *arguments: Any, **options: Any) -> None:
         """Calls a method of each batch for its simulations among some, all if `ids` is None."""
         chosen = np.full(self._order.size, ids is None)
         if ids is not None:
             chosen[ids] = True
         for batch, rows in zip(self.batches, self.rows, strict=True):
             if (mask := chosen[rows]).any():
-                method(batch, None if mask.all() else mask, **options)
+                method(batch, None if mask.all() else mask, *arguments, **options)
+
+    reset = functools.partialmethod(_call, Batch.reset)
+    forward = functools.partialmethod(_call, Batch.forward)
+    step = functools.partialmethod(_call, Batch.step)
 
 
 class JoinedSimulation:

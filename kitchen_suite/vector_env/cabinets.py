@@ -28,7 +28,6 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         self._episodes.state.mdp_state.total_steps[:] = value
 
 
-# VectorEnv is named again because some libraries recognise vectorised environments by their direct bases.
 class FrankaMicrowaveTableVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     """A vector of `FrankaMicrowaveTableEnv`s; accepts the arguments of `SuiteVectorEnv` and of the single one."""
 

@@ -124,13 +124,6 @@ def copied(infos: Mapping[str, Any]) -> dict[str, Any]:
     return {key: copied(part) if isinstance(part, dict) else part.copy() for key, part in infos.items()}
 
 
-def read_only(infos: dict[str, Any]) -> dict[str, Any]:
-    """Makes all arrays of nested dicts read-only; returns the dicts."""
-    for array in tree.flatten(infos):
-        array.flags.writeable = False
-    return infos
-
-
 def fresh_dicts(infos: Mapping[str, Any]) -> dict[str, Any]:
     """Returns copies of nested dicts with the same arrays."""
     return {key: fresh_dicts(part) if isinstance(part, dict) else part for key, part in infos.items()}

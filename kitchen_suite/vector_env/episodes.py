@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
+import tree
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import PHYSICS_STATE, Environment
@@ -137,10 +138,6 @@ class BatchEpisodes:
         self.batch.forward(indices, int(mujoco.mjtStage.mjSTAGE_POS))
         flags[indices] = kept
 
-    def check_actions(self, actions: NDArray[np.float64]) -> None:
-        """Checks finite actions `(n, k)`; raises a ValueError where one has no meaning."""
-        self._mdp.action_mode.check(actions)
-
     def step(
         self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
@@ -168,10 +165,6 @@ class BatchEpisodes:
         self.has_moved |= stepping
         rewards = np.where(alive, mdp.reward(after.mdp_state), 0.0)
         return rewards, (mdp.terminates(after.mdp_state) & alive) | diverged, diverged
-
-    def truncates(self) -> NDArray[np.bool_] | bool:
-        """Returns whether `(n,)` the last step truncated an episode, whatever the time limit."""
-        return self._mdp.truncates(self.state.mdp_state)
 
     def _draw_actions(self, stepping: NDArray[np.bool_]) -> NDArray[np.float64] | float:
         """Returns draws `(n,)` for the actions, from U(0, 1): only where `stepping`, the median elsewhere."""
@@ -212,7 +205,9 @@ class BatchEpisodes:
         """
         if self._masked_variation_info is None:
             infos = vector_checks.with_masks(self.variation_info(), np.full(self.steps.shape, True))
-            self._masked_variation_info = vector_checks.read_only(infos)
+            for array in tree.flatten(infos):
+                array.flags.writeable = False
+            self._masked_variation_info = infos
         return vector_checks.fresh_dicts(self._masked_variation_info)
 
     def show(self, i: int) -> None:
@@ -233,8 +228,6 @@ def _joined(sensors: Sequence[Any]) -> Any:
 
 def _check_robots(environments: Sequence[Environment]) -> None:
     """Raises a ValueError unless the robots of different environments have the same indices in MuJoCo's arrays."""
-    if len(environments) == 1:
-        return
     indices = []
     for environment in environments:
         physics, robot = environment.physics, environment.task.robot

@@ -16,9 +16,6 @@ from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_C
 from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, REQUESTED, TASK_ID
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Masks and steps of completion whose names are kept in memory.
-_REMEMBERED = 4096
-
 
 # VectorEnv is named again because some libraries recognise vectorised environments by their direct bases.
 class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
@@ -43,16 +40,15 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         infos: dict[str, Any] = {"goal": goal_observation(goals), "_goal": wanted}
         infos["goal"][~wanted] = 0.0
         if rendered := [i for i in np.flatnonzero(wanted).tolist() if shown[i]]:
-            pictures = {i: self._goal_picture(i, goals[i]) for i in rendered}
+            pictures = {}
+            for i in rendered:
+                self._episodes.show(i)
+                pictures[i] = self._template_env.render_goal(goals[i])
             infos["goal_rendered"] = np.stack(
                 [pictures.get(i, np.zeros_like(pictures[rendered[0]])) for i in range(self.num_envs)]
             )
             infos["_goal_rendered"] = np.isin(np.arange(self.num_envs), rendered)
         return infos
-
-    def _goal_picture(self, i: int, goal: NDArray[np.float64]) -> NDArray:
-        self._episodes.show(i)
-        return self._template_env.render_goal(goal)
 
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
         """Returns rewards as `FrankaKitchenEnv.compute_reward` does.
@@ -79,11 +75,6 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         arrays = {key: array for key, array in info.items() if not key.startswith("_")}
         return [tree.map_structure(operator.itemgetter(i), arrays) for i in range(self.num_envs)]
 
-    @property
-    def _orders(self) -> NDArray[np.int64]:
-        """Places `(n, m)` of the tasks in the order that each environment asks for; with `tasks_per_episode` only."""
-        return self._episodes.state.mdp_state.requested_order
-
     def _instructions_of_episodes(self) -> Sequence[tuple[str, ...]] | None:
         if self._mdp.task_draw is None:
             return None
@@ -91,32 +82,23 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return [self._task.requests.instructions_in(order) for order in orders]
 
     @functools.cached_property
-    def _selected(self) -> Callable[[bytes], tuple[str, ...]]:
-        """Returns `goals.names` of the bytes of a mask, from memory where it has been asked before."""
-        goals = self._mdp.goals
-        return functools.lru_cache(_REMEMBERED)(lambda mask: tuple(goals.names(np.frombuffer(mask, bool))))
-
-    @functools.cached_property
-    def _completed(self) -> Callable[[bytes], tuple[str, ...]]:
-        """Returns the tasks of `goals.by_completion` of the bytes of steps, as `_selected` does."""
-        goals = self._mdp.goals
-        return functools.lru_cache(_REMEMBERED)(
-            lambda steps: tuple(goals.by_completion(np.frombuffer(steps, np.int64)))
-        )
+    def _remembered(self) -> tuple[Callable[[bytes], tuple[str, ...]], Callable[[bytes], tuple[str, ...]]]:
+        """`goals.names` of the bytes of a mask, `goals.by_completion` of those of steps; found values are kept."""
+        goals, keep = self._mdp.goals, functools.lru_cache(4096)
+        selected = keep(lambda mask: tuple(goals.names(np.frombuffer(mask, bool))))
+        return selected, keep(lambda steps: tuple(goals.by_completion(np.frombuffer(steps, np.int64))))
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """Returns the lists of task names, and the sentences, `(n,)` that infos of the single environment have."""
-        progress, selected, completed = self._episodes.state.mdp_state.progress, self._selected, self._completed
-        lists = {
+        state, env, count = self._episodes.state.mdp_state, self._template_env, self.num_envs
+        progress, (selected, completed) = state.progress, self._remembered
+        lists: dict[str, Sequence[Any]] = {
             TO_COMPLETE: [[*selected(row.tobytes())] for row in progress.remaining],
             STEP_COMPLETIONS: [[*selected(row.tobytes())] for row in progress.completions],
             EPISODE_COMPLETIONS: [[*completed(row.tobytes())] for row in progress.completion_steps],
-            **({INSTRUCTION: self.instruction} if self._template_env.has_instructions else {}),
-            **(
-                {VARIATION_SPLIT: (self._template_env.variation_split,) * self.num_envs}
-                if self._template_env.varies
-                else {}
-            ),
-            **({REQUESTED: [self._task.requests.tasks_in(row) for row in self._orders]} if self._mdp.task_draw else {}),
+            **({INSTRUCTION: self.instruction} if env.has_instructions else {}),
+            **({VARIATION_SPLIT: (env.variation_split,) * count} if env.varies else {}),
         }
-        return {key: np.fromiter(names, object, self.num_envs) for key, names in lists.items()}
+        if self._mdp.task_draw:
+            lists[REQUESTED] = [self._task.requests.tasks_in(order) for order in state.requested_order]
+        return {key: np.fromiter(names, object, count) for key, names in lists.items()}

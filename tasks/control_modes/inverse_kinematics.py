@@ -5,11 +5,8 @@ from numpy.typing import NDArray
 
 from kitchen_suite.tasks import rotations
 
-# Damping: near singular configurations, joint steps stay below half of the error divided by it.
+# Near singular configurations, joint steps stay below half of the error divided by it.
 _DAMPING = 0.05
-
-# Solutions of the problem: one more than joints that may reach a limit in one step; see `joint_step`.
-_SOLUTIONS = 4
 
 
 def jacobian(
@@ -47,7 +44,8 @@ def joint_step(
     """
     free, step = np.ones(posture.shape, bool), posture
     regularisation = _DAMPING**2 * np.eye(error.shape[-1])
-    for _ in range(_SOLUTIONS):
+    # One solution more than joints that may reach a limit in one step.
+    for _ in range(4):
         start = np.where(free, posture, step)
         moving = jacobian * free[..., np.newaxis, :]
         transposed = np.ascontiguousarray(np.swapaxes(moving, -1, -2))

@@ -53,9 +53,8 @@ def reward(
     requested = _requested(infos, mdp, ATTEMPTED if mdp.tasks_in_turn else REQUESTED)
     if mdp.sensors.measures_hand:
         shaping = _shaping(infos, mdp.goals)
-        step = Step(
-            shares=task_shares(shaping, success=mdp.success, achieved=achieved, desired=desired, mask=requested)
-        )
+        shares = task_shares(shaping, success=mdp.success, achieved=achieved, desired=desired, mask=requested)
+        step = Step(shares=shares)
     else:
         rewarded = _listed(infos, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS), elsewhere=True)
         within = _within(achieved, desired, mdp) & rewarded
@@ -63,12 +62,11 @@ def reward(
             within = counted_in_order(within, ~rewarded)
         step = Step(completions=within if requested is None else within & requested)
     action = np.zeros(0)
-    return total(
-        {
-            name: term(None, action, step) if term in GOAL_TERMS else _part(infos, f"reward/{name}")
-            for name, term in mdp.rewards.items()
-        }
-    )
+    terms = {
+        name: term(None, action, step) if term in GOAL_TERMS else _part(infos, f"reward/{name}")
+        for name, term in mdp.rewards.items()
+    }
+    return total(terms)
 
 
 class Step(NamedTuple):
@@ -101,7 +99,6 @@ def _within(achieved: NDArray[np.float64], desired: NDArray[np.float64], mdp: Ki
 
 
 def _shaping(infos: NDArray[np.object_], goals: GoalSet) -> Shaping:
-    """Returns the state of a dense reward."""
     example = Shaping.start(goals.desired, np.zeros(len(goals.tasks)), goals)
     widths = {name: part.size for name, part in example._asdict().items()}
     parts: dict[str, Any] = {name: _part(infos, f"{REWARD_STATE}/{name}", width) for name, width in widths.items()}

@@ -33,16 +33,7 @@ _OBJECTS = {
     "kettle": (-0.26939744, 0.350383255, 1.61944683, 1.00618764, 0.0040639512, -0.00662095997, -0.000268278933),
 }
 
-# A kettle that starts on a burner stays on it: half of the distance between burners [m].
-_BURNER_RADIUS = 0.2
-
 INITIAL_QPOS = np.array([*_ARM, *_FINGERS, *in_observed_order(_OBJECTS)])
-
-
-def initial_positions(prop: str, joints: Sequence[str] | None = None) -> tuple[float, ...]:
-    """Returns the initial positions of a prop's joints, or of some of them, which are hinges or slides [rad, m]."""
-    positions: tuple[float, ...] = _OBJECTS[prop]
-    return positions if joints is None else tuple(positions[JOINT_NAMES[prop].index(name)] for name in joints)
 
 
 class Start(NamedTuple):
@@ -70,18 +61,21 @@ class Start(NamedTuple):
 
 def starts(goals: GoalSet, scene: Scene, physics: mjcf.Physics) -> dict[str, Start]:
     """Returns the starts of the goals that have one, by task; hinges and slides start within their ranges."""
-    rows = zip(goals.tasks, goals.goals, strict=True)
-    return {task: _start(goal, goal.start, scene, physics) for task, goal in rows if goal.start is not None}
-
-
-def _start(goal: Goal, values: tuple[float, ...], scene: Scene, physics: mjcf.Physics) -> Start:
-    joints, positions = goal.joints_in(scene), np.array(values)
-    columns, _ = addresses(physics, joints)
-    if len(joints) == positions.size:
-        low, high = physics.bind(joints).range.T
-        return Start(goal.prop, columns, np.clip(positions, low, high), low, high)
-    reach = np.array([_BURNER_RADIUS] * 3 + [np.inf] * 4)
-    return Start(goal.prop, columns, positions, positions - reach, positions + reach)
+    found: dict[str, Start] = {}
+    for task, goal in zip(goals.tasks, goals.goals, strict=True):
+        if goal.start is None:
+            continue
+        joints, positions = goal.joints_in(scene), np.array(goal.start)
+        columns, _ = addresses(physics, joints)
+        if len(joints) == positions.size:
+            low, high = physics.bind(joints).range.T
+            positions = np.clip(positions, low, high)
+        else:
+            # A kettle that starts on a burner stays on it: half of the distance between burners [m].
+            reach = np.array([0.2] * 3 + [np.inf] * 4)
+            low, high = positions - reach, positions + reach
+        found[task] = Start(goal.prop, columns, positions, low, high)
+    return found
 
 
 def _burner(position: str, knob: int) -> Goal:
@@ -215,7 +209,9 @@ def _reverse(task: str) -> Goal:
     forward = _FORWARD[REVERSES[task]]
     # The goal of `hinge cabinet` is for both of its doors, of which the right one comes last.
     joints = ("right_hinge_cabinet",) if task == "close hinge cabinet" else forward.joints
-    value = initial_positions(forward.prop, joints)
+    value: tuple[float, ...] = _OBJECTS[forward.prop]
+    if joints is not None:
+        value = tuple(value[JOINT_NAMES[forward.prop].index(name)] for name in joints)
     return Goal(
         prop=forward.prop,
         joints=joints,

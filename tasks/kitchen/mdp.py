@@ -28,8 +28,6 @@ from kitchen_suite.tasks.mdp import MDP, Simulation
 # Names of the terms of the sparse reward, which follow from the completions and are not saved.
 _SPARSE = REWARDS["sparse"].keys()
 
-_NESTED = ("progress", "shaping", "terms", "shares")
-
 # First part of the names of infos from which a dense reward can be computed for other goals.
 REWARD_STATE = "reward_state"
 
@@ -86,7 +84,8 @@ def as_dict(state: KitchenState) -> dict[str, Any]:
     if state.terms.keys() != _SPARSE:
         parts["terms"] = state.terms
     nested = {name: {key: np.array(array) for key, array in part.items()} for name, part in parts.items()}
-    flat = {name: part for name, part in fields.items() if name not in _NESTED and part is not None}
+    others = fields.keys() - {"progress", "shaping", "terms", "shares"}
+    flat = {name: part for name, part in fields.items() if name in others and part is not None}
     return {**{name: np.array(array) for name, array in flat.items()}, **nested}
 
 
@@ -237,20 +236,16 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             goal_pictures=state.goal_pictures,
         )
         if hand_distances is not None:
-            shaping = self._next_shaping(state, hand_distances)
+            shaping, before = state.shaping, state.progress
+            assert shaping is not None
+            if self.tasks_in_turn:
+                shaping = shaping.restarted(before.advanced, state.achieved, self.goals)
+            shaping = shaping.after(state.achieved, before.completed, hand_distances, self.goals)
             shares = task_shares(
                 shaping, success=self.success, achieved=achieved, desired=self.goals.desired, mask=attempted
             )
             after = after._replace(shaping=shaping, shares=shares)
         return after._replace(terms=self.reward_terms(state, action, after), shares=None)
-
-    def _next_shaping(self, before: KitchenState, hand_distances: NDArray[np.float64]) -> Shaping:
-        """Returns the state of a dense reward after one more step."""
-        shaping = before.shaping
-        assert shaping is not None
-        if self.tasks_in_turn:
-            shaping = shaping.restarted(before.progress.advanced, before.achieved, self.goals)
-        return shaping.after(before.achieved, before.progress.completed, hand_distances, self.goals)
 
     def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:
         return self.sensors.observed(simulation) + state.noise

@@ -19,8 +19,8 @@ from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.mdp import SceneIndices, Simulation
 
-# Amplitudes of the noise [rad, m, rad/s, m/s]. The reference has them from a table for another scene, hence no pattern.
-_ROBOT_POSITIONS = _ROBOT_VELOCITIES = [0.1] * 9
+# Amplitudes of the noise [rad, m, rad/s, m/s], 0.1 for the robot. The reference has them from a table for another
+# scene, hence no pattern.
 _OBJECT_POSITIONS = {
     "oven": [0.1, *[0.005] * 2, *[0.0005] * 5],
     "hood": [0.0005, 0.005],
@@ -38,12 +38,7 @@ _OBJECT_VELOCITIES = {
     "kettle": [*[0.005] * 3, *[0.1] * 3],
 }
 
-AMPLITUDES = np.array(
-    [
-        *(*_ROBOT_POSITIONS, *_ROBOT_VELOCITIES),
-        *(*in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES)),
-    ]
-)
+AMPLITUDES = np.array([*[0.1] * 18, *in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES)])
 
 # Number of elements of the observation.
 SIZE = AMPLITUDES.size
@@ -115,12 +110,11 @@ class KitchenSensors:
         """Returns the positions of the robot's joints, the achieved goals and, if measured, the hand's distances."""
         indices = self.indices
         positions, achieved = simulation.read("qpos", indices.robot_qpos), simulation.read("qpos", indices.goal_qpos)
-        return KitchenReading(positions, achieved, self._hand_distances(simulation) if self.measures_hand else None)
-
-    def _hand_distances(self, simulation: Simulation) -> NDArray[np.float64]:
+        if not self.measures_hand:
+            return KitchenReading(positions, achieved)
         sites = simulation.read("site_xpos", self._sites)
-        distances: NDArray[np.float64] = np.sqrt(rotations.squared_length(sites[..., 1:, :] - sites[..., :1, :]))
-        return distances
+        hand_distances = np.sqrt(rotations.squared_length(sites[..., 1:, :] - sites[..., :1, :]))
+        return KitchenReading(positions, achieved, hand_distances)
 
     def observed(self, simulation: Simulation) -> NDArray[np.float64]:
         """Returns the 59 elements of the observation, `(..., 59)`, without noise."""
@@ -176,34 +170,19 @@ class KitchenObservables:
             "object_velocities": (JointState("qvel", lambda: scene.object_joints), OBJECT_VELOCITIES),
         }
         for part, indices in parts.values():
-            part.corruptor = functools.partial(_noisy, self.noise[indices])
+            part.corruptor = lambda clean, random_state=None, noise=self.noise[indices]: clean + noise
         state = {name: part for name, (part, _) in parts.items()}
         achieved = {
             f"achieved_goal/{task}": JointState("qpos", functools.partial(goal.joints_in, scene))
             for task, goal in zip(goals.tasks, goals.goals, strict=True)
         }
         desired = {
-            f"desired_goal/{task}": observable.Generic(functools.partial(_constant, goal))
+            f"desired_goal/{task}": observable.Generic(lambda physics, goal=goal: goal)
             for task, goal in goals.split(goals.desired).items()
         }
+        requested = {name: observable.Generic(lambda physics, read=read: read()) for name, read in requests.items()}
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
-            {**state, **extra, **achieved, **desired}
+            {**state, **extra, **achieved, **desired, **requested}
         )
-        for name, read in requests.items():
-            self.by_name[name] = observable.Generic(functools.partial(_read, read))
         for part in self.by_name.values():
             part.enabled = True
-
-
-def _noisy(
-    noise: NDArray[np.float64], observation: NDArray, random_state: np.random.RandomState | None = None
-) -> NDArray[np.float64]:
-    return observation + noise
-
-
-def _read(read: Callable[[], NDArray], physics: mjcf.Physics) -> NDArray:
-    return read()
-
-
-def _constant(value: NDArray[np.float64], physics: mjcf.Physics) -> NDArray[np.float64]:
-    return value

@@ -1,6 +1,5 @@
 """The task of the kitchen domain: bring the objects of some tasks to their goals."""
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -24,23 +23,13 @@ from kitchen_suite.tasks.kitchen.observation import (
     KitchenSensors,
     noise_scale,
 )
-from kitchen_suite.tasks.kitchen.requests import (
-    GOAL_PIXELS,
-    GOAL_STATES,
-    REQUESTED,
-    STATE_SIZE,
-    TaskDraw,
-    TaskRequests,
-)
+from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, REQUESTED, STATE_SIZE, TaskDraw, TaskRequests
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
-from kitchen_suite.tasks.observables import Pictures
+from kitchen_suite.tasks.observables import Pictures, shown_at
 from kitchen_suite.tasks.task import Completions, Highlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE
-
-# Greatest number of goal states.
-MAX_GOAL_STATES = 16
 
 
 class KitchenTask(SuiteTask):
@@ -138,7 +127,7 @@ class KitchenTask(SuiteTask):
             raise ValueError("tasks_in_order=True and tasks_per_episode exclude each other: give one of them")
         if max_task_steps is not None:
             checks.integer(max_task_steps, "max_task_steps", minimum=1)
-        checks.integer(goal_states, "goal_states", minimum=0, maximum=MAX_GOAL_STATES)
+        checks.integer(goal_states, "goal_states", minimum=0, maximum=16)
         control, observables = split_options(options, self.control_modes)
         goal_set = build_goals(tasks_to_complete, goals)
         self.reward_name = checks.choice(reward, REWARDS, "reward")
@@ -330,8 +319,9 @@ class KitchenTask(SuiteTask):
         state = self.state
         if state.goal_pictures is not None:
             columns, goal = self.mdp.sensors.indices.state_qpos, state.goal_states[-STATE_SIZE:]
-            pictures = self.pictures.taken_at(physics, columns, goal)
-            self.set_mdp_state(state._replace(goal_pictures=pictures), physics)
+            with shown_at(physics, columns, goal):
+                taken = [picture.taker.observation_callable(physics)() for picture in self.pictures.colour]
+            self.set_mdp_state(state._replace(goal_pictures=np.stack(taken)), physics)
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = Highlighting(physics, (goal.geoms_in(self.scene) for goal in self.mdp.goals.goals))
@@ -348,7 +338,6 @@ class KitchenTask(SuiteTask):
         data.ctrl[:] = 0.0
 
     def _requested_starts(self) -> list[Start]:
-        """Returns the starts of the tasks that the episode that starts asks for."""
         return [start for task, start in self._starts.items() if task in self.requests.tasks]
 
     def _away_from_goals(self, values: Values) -> Values:
@@ -382,37 +371,20 @@ class KitchenTask(SuiteTask):
             self._highlighting.update(self.state.progress.within)
 
 
-def _request_readers(
-    mdp: KitchenMDP, pictures: Pictures, state: Callable[[], KitchenState]
-) -> dict[str, Callable[[], NDArray]]:
+def _request_readers(mdp: KitchenMDP, pictures: Pictures, state: Callable[[], Any]) -> dict[str, Callable[[], NDArray]]:
     """Returns functions that return what is observed of the request of the present episode, by key, in order."""
     readers: dict[str, Callable[[], NDArray]] = {}
     if mdp.goal_states:
-        readers[GOAL_STATES] = functools.partial(_goal_states, state)
+        readers[GOAL_STATES] = lambda: state().goal_states
     if mdp.task_draw is not None:
         readers[REQUESTED] = lambda: mdp.current_mask(state()).astype(np.float64)
     for place, picture in enumerate(pictures.colour if mdp.goal_states else ()):
-        readers[f"{GOAL_PIXELS}/{picture.camera}"] = functools.partial(_goal_picture, state, place)
+        readers[f"{GOAL_PIXELS}/{picture.camera}"] = lambda place=place: state().goal_pictures[place]
     return readers
 
 
-def _goal_states(state: Callable[[], KitchenState]) -> NDArray:
-    goals = state().goal_states
-    assert goals is not None, "goal states are observed"
-    return goals
-
-
-def _goal_picture(state: Callable[[], KitchenState], place: int) -> NDArray:
-    pictures = state().goal_pictures
-    assert pictures is not None, "goal states and pictures are observed"
-    return pictures[place]
-
-
 def _policy_names(mdp: KitchenMDP, reward: str, *, sees: bool) -> tuple[str, ...]:
-    """Returns the names of trained policies for the tasks and the reward, the most specific one first.
-
-    `sees`: whether pictures are observed.
-    """
+    """Returns the names of trained policies, the most specific one first; `sees`: whether pictures are observed."""
     tasks = mdp.goals.tasks
     own = "seven" if tasks == DEFAULT_TASKS else "_".join(tasks).replace(" ", "_")
     if mdp.task_draw is not None:

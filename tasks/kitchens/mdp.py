@@ -5,16 +5,18 @@ kitchen is part of the state, so that one MDP steps episodes in many kitchens to
 """
 
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
 import mujoco
 import numpy as np
+import tree
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen, Placed
+from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import Progress
@@ -25,41 +27,30 @@ from kitchen_suite.tasks.mdp import MDP, Columns, Simulation, as_columns
 # Openings from which a part counts as open or on, and up to which it counts as closed or off, as a share.
 OPEN, CLOSED = 0.75, 0.15
 
+
+def _end_to_end(**sizes: int) -> Mapping[str, slice]:
+    """Returns the places of parts of some sizes in an array that holds them end to end."""
+    stops = itertools.accumulate(sizes.values())
+    return MappingProxyType(
+        {name: slice(stop - size, stop) for (name, size), stop in zip(sizes.items(), stops, strict=True)}
+    )
+
+
 # Elements of a slot in the observation.
-SLOT_PARTS: Mapping[str, slice] = MappingProxyType(
-    {
-        "kind": slice(0, 6),
-        "position": slice(6, 9),
-        "offset": slice(9, 12),
-        "into": slice(12, 15),
-        "along": slice(15, 18),
-        "opening": slice(18, 19),
-        "goal": slice(19, 20),
-        "requested": slice(20, 21),
-    }
-)
-SLOT_SIZE = 21
+SLOT_PARTS = _end_to_end(kind=6, position=3, offset=3, into=3, along=3, opening=1, goal=1, requested=1)
+SLOT_SIZE = SLOT_PARTS["requested"].stop
 
 # Parts of the flat observation.
-PARTS: Mapping[str, slice] = MappingProxyType(
-    {
-        "joint_positions": slice(0, 9),
-        "joint_velocities": slice(9, 18),
-        "hand_pose": slice(18, 27),
-        "slots": slice(27, 27 + MAX_PARTS * SLOT_SIZE),
-    }
-)
+PARTS = _end_to_end(joint_positions=9, joint_velocities=9, hand_pose=9, slots=MAX_PARTS * SLOT_SIZE)
 SIZE = PARTS["slots"].stop
 
 # Greatest noise of joint positions [rad, m] and velocities, of handles [m] and of openings, times the noise ratios.
 _ROBOT_AMPLITUDE, _HANDLE_AMPLITUDE, _OPENING_AMPLITUDE = 0.1, 0.2, 0.5
 
-# Parts of the noise: of the robot's joints, of handles, of openings.
-_ROBOT = slice(0, 18)
-_HANDLES = slice(18, 18 + 3 * MAX_PARTS)
-_OPENINGS = slice(_HANDLES.stop, _HANDLES.stop + MAX_PARTS)
+# Parts of the noise.
+_ROBOT, _HANDLES, _OPENINGS = _end_to_end(robot=18, handles=3 * MAX_PARTS, openings=MAX_PARTS).values()
 NOISE_SIZE = _OPENINGS.stop
-NOISE_PARTS = MappingProxyType({"robot_noise": _ROBOT, "object_noise": slice(18, NOISE_SIZE)})
+NOISE_PARTS = MappingProxyType({"robot_noise": _ROBOT, "object_noise": slice(_HANDLES.start, NOISE_SIZE)})
 
 _SPARSE = REWARDS["sparse"].keys()
 
@@ -111,10 +102,9 @@ class Slots(NamedTuple):
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         placed = {each.name: each for each in scene.design.placed}
-        oven = next((each for each in scene.design.placed if each.design.kind == "oven"), None)
         for k, (name, part) in enumerate(scene.parts):
             prop = scene.props[name].mjcf_model
-            where: Placed = placed.get(name) or oven  # type: ignore[assignment]
+            where = placed["oven_1" if part.joint is None else name]
             arrays.kind[k, PART_KINDS.index(part.kind)] = 1.0
             arrays.opened[k] = part.opened
             handle = physics.bind(prop.find("site", part.handle))
@@ -200,16 +190,12 @@ class SlotSensors:
       ctrl, stage: see `Sensors`.
     """
 
+    ctrl: Columns
     stage = mujoco.mjtStage.mjSTAGE_POS
 
     def __init__(self, scene: GeneratedKitchen) -> None:
         """Stores the kitchen."""
         self._scene = scene
-
-    @property
-    def ctrl(self) -> Columns:
-        """Columns of the robot's actuators."""
-        return self._ctrl
 
     def bind(self, physics: mjcf.Physics) -> None:
         """Looks up all addresses in the compiled scene."""
@@ -217,7 +203,7 @@ class SlotSensors:
         self.slots = Slots.of(scene, physics)
         robot = physics.bind(scene.robot.joints)
         self._qpos, self._qvel = as_columns(robot.qposadr), as_columns(robot.dofadr)
-        self._ctrl = as_columns(physics.bind(scene.robot.actuators).element_id)
+        self.ctrl = as_columns(physics.bind(scene.robot.actuators).element_id)
         self._hand = np.array([physics.bind(scene.robot.end_effector).element_id])
         # Empty slots read the first joint.
         self.columns, self._kettle = np.zeros(MAX_PARTS, np.int64), np.zeros(7, np.int64)
@@ -296,6 +282,21 @@ class KitchensState(NamedTuple):
     shaping: Shaping | None = None
     shares: Shares | None = None
 
+    def as_dict(self) -> dict[str, Any]:
+        """Returns the state as nested dicts of fresh arrays, without the kitchen's slots and what is None."""
+        fields = {name: part for name, part in self._asdict().items() if name != "slots" and part is not None}
+        nested = {name: part._asdict() for name, part in fields.items() if isinstance(part, Progress | Shaping)}
+        arrays: dict[str, Any] = tree.map_structure(np.array, {**fields, **nested})
+        return arrays
+
+    @classmethod
+    def from_dict(cls, arrays: Mapping[str, Any], slots: Slots) -> Self:
+        """Returns the state that `as_dict` returned as nested dicts, among which there may be others."""
+        parts = {name: arrays[name] for name in cls._fields if name in arrays}
+        if "shaping" in parts:
+            parts["shaping"] = Shaping(**parts["shaping"])
+        return cls(**{**parts, "progress": Progress(**parts["progress"]), "slots": slots})
+
     @property
     def completions(self) -> NDArray[np.bool_]:
         """`(..., K)`, parts whose task the last step completed."""
@@ -339,29 +340,24 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
 
     def initial_state(self, reading: SlotReading, draws: NDArray[np.float64]) -> KitchensState:
         """Returns the state before the first step of an episode that asks for nothing; see `with_request`."""
-        slots = self.sensors.slots
-        nothing = np.full(MAX_PARTS, -1)
+        zeros, slots = np.zeros(MAX_PARTS), self.sensors.slots
         state = KitchensState(
             noise=self.noise_scale * draws,
             target=reading.positions,
-            goal=np.zeros(MAX_PARTS),
-            order=nothing,
+            goal=zeros,
+            order=np.full(MAX_PARTS, -1),
             progress=Progress.initial((MAX_PARTS,)),
             slots=slots,
             terms=self.no_reward(()),
             **_measured(slots, reading),
         )
-        if not self.is_dense:
-            return state
-        distances = state.hand_distances
-        nowhere = np.zeros(MAX_PARTS)
-        return state._replace(shaping=Shaping(distances, nowhere, state.openings, nowhere))
+        shaping = Shaping(state.hand_distances, zeros, state.openings, zeros)
+        return state._replace(shaping=shaping) if self.is_dense else state
 
     def with_request(self, state: KitchensState, order: NDArray[np.int64], goal: NDArray[np.float64]) -> KitchensState:
         """Returns the state before the first step of an episode that asks for goals `(K,)` of parts in an order."""
-        return state._replace(
-            order=order, goal=goal, progress=Progress.initial((MAX_PARTS,))._replace(remaining=order >= 0)
-        )
+        progress = Progress.initial((MAX_PARTS,))._replace(remaining=order >= 0)
+        return state._replace(order=order, goal=goal, progress=progress)
 
     def step(
         self,
@@ -482,23 +478,3 @@ def _measured(slots: Slots, reading: SlotReading) -> dict[str, Any]:
         "handles": np.concatenate([positions, into, along], axis=-1),
         "openings": slots.openings(joints, positions),
     }
-
-
-def as_dict(state: KitchensState) -> dict[str, Any]:
-    """Returns a state as nested dicts of fresh arrays, without the kitchen's slots and what is None."""
-    fields = {name: part for name, part in state._asdict().items() if name != "slots" and part is not None}
-    nested = {
-        name: part if isinstance(part, dict) else part._asdict()
-        for name, part in fields.items()
-        if not isinstance(part, np.ndarray)
-    }
-    copied = {name: {key: np.array(array) for key, array in part.items()} for name, part in nested.items()}
-    return {**{name: np.array(part) for name, part in fields.items() if name not in nested}, **copied}
-
-
-def from_dict(arrays: Mapping[str, Any], slots: Slots) -> KitchensState:
-    """Returns the state that `as_dict` returned as nested dicts, among which there may be others."""
-    parts = {name: arrays[name] for name in KitchensState._fields if name in arrays}
-    if "shaping" in parts:
-        parts["shaping"] = Shaping(**parts["shaping"])
-    return KitchensState(**{**parts, "progress": Progress(**parts["progress"]), "slots": slots})

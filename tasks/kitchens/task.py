@@ -18,16 +18,7 @@ from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, in_order, order_of
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchens.certificates import certificate_of
-from kitchen_suite.tasks.kitchens.mdp import (
-    PARTS,
-    SIZE,
-    KitchensMDP,
-    KitchensState,
-    SlotSensors,
-    as_dict,
-    from_dict,
-    noise_scale,
-)
+from kitchen_suite.tasks.kitchens.mdp import PARTS, SIZE, KitchensMDP, KitchensState, SlotSensors, noise_scale
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.task import Completions, Highlighting, Metrics, PolicyInputs, ResetRequests, SuiteTask
 from kitchen_suite.tasks.variations import appearance
@@ -86,10 +77,10 @@ class PartRequests(ResetRequests):
     ) -> None:
         """Collects the tasks of some verbs in a kitchen, all or those allowed, of which episodes ask for some."""
         self._slots: dict[str, tuple[int, bool]] = {}
-        for k, (name, part) in enumerate(scene.parts):
+        for k, (name, (_, part)) in enumerate(zip(scene.part_names, scene.parts, strict=True)):
             for verb in verbs:
                 begins_open, kinds = VERBS[verb]
-                task = f"{verb} {name}/{part.joint or part.handle}"
+                task = f"{verb} {name}"
                 if part.kind in kinds and (allowed is None or task in allowed):
                     self._slots[task] = k, not begins_open
         self.tasks = tuple(self._slots)
@@ -213,8 +204,7 @@ class KitchensTask(SuiteTask):
             terminates_when_complete=reward not in CONTINUING,
         )
         super().__init__(scene, mdp, **observables)
-        self._parts = scene.parts
-        self._words = part_words(scene)
+        self._parts, self._names, self._words = scene.parts, scene.part_names, part_words(scene)
         allowed = certificate_of(scene.design).certified if checks.boolean(certified, "certified") else None
         self.requests = PartRequests(scene, names, tasks_per_episode, allowed)
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
@@ -264,8 +254,7 @@ class KitchensTask(SuiteTask):
     def completions_in(self, infos: Mapping[str, Any]) -> Completions:
         steps = infos["completion_steps"][: len(self._parts)]
         requested = infos[f"{REQUESTED}_mask"][: len(self._parts)]
-        names = tuple(f"{name}/{part.joint or part.handle}" for name, part in self._parts)
-        return Completions(names, requested, steps)
+        return Completions(self._names, requested, steps)
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._columns = physics.bind(self.robot.joints).qposadr
@@ -300,10 +289,10 @@ class KitchensTask(SuiteTask):
         return self.mdp.with_request(super().initial_state(draws), self.requests.order, self.requests.goal)
 
     def saved_state(self) -> dict[str, Any]:
-        return as_dict(self.state)
+        return self.state.as_dict()
 
     def restore_state(self, state: Mapping[str, Any]) -> None:
-        self.set_mdp_state(from_dict(state, self.state.slots))
+        self.set_mdp_state(KitchensState.from_dict(state, self.state.slots))
 
     def publish(self, physics: mjcf.Physics | None) -> None:
         """Updates the observation and, given a physics, the colours."""
@@ -321,22 +310,16 @@ def part_words(scene: GeneratedKitchen) -> tuple[str, ...]:
     placed = {each.name: each for each in scene.design.placed}
     words = []
     for name, part in scene.parts:
-        if part.kind in ("kettle", "switch"):
-            words.append(part.words)
-            continue
-        fixture = f"{_position(placed[name], scene.design.placed)}{KINDS[placed[name].design.kind].words}"
-        words.append(f"{part.words} of the {fixture}")
+        is_alone = part.kind in ("kettle", "switch")
+        words.append(part.words if is_alone else f"{part.words} of the {_words(placed[name], scene.design.placed)}")
     return tuple(words)
 
 
-def _position(one: Placed, placed: Sequence[Placed]) -> str:
-    """Returns where a fixture stands among those called the same: the empty string if it is the only one."""
-    same = [each for each in placed if KINDS[each.design.kind].words == KINDS[one.design.kind].words]
-    if len(same) == 1:
-        return ""
+def _words(one: Placed, placed: Sequence[Placed]) -> str:
+    """Returns a fixture in words, with its place among those called the same unless it is the only one."""
+    words = KINDS[one.design.kind].words
+    same = [each for each in placed if KINDS[each.design.kind].words == words]
     same.sort(key=lambda each: np.arctan2(each.position[0], each.position[1]))
-    if len(same) <= 3:
-        names = ("left", "right") if len(same) == 2 else ("left", "middle", "right")
-        return f"{names[same.index(one)]} "
-    ordinals = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
-    return f"{ordinals[same.index(one)]} "
+    ordinals = ("first ", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ")
+    few = {1: ("",), 2: ("left ", "right "), 3: ("left ", "middle ", "right ")}
+    return f"{few.get(len(same), ordinals)[same.index(one)]}{words}"

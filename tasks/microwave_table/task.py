@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from dm_control import mjcf
 from dm_control.composer.observation import observable
-from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
@@ -25,7 +24,7 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     MicrowaveTableMDP,
 )
 from kitchen_suite.tasks.pushes import PUSH
-from kitchen_suite.tasks.task import Highlighting, Metrics, PolicyInputs, SuiteTask
+from kitchen_suite.tasks.task import Highlighting, OpeningTask, PolicyInputs
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 from kitchen_suite.tasks.variations.randomizer import Values
@@ -76,7 +75,7 @@ CONTROL_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
 )
 
 
-class MicrowaveTableTask(SuiteTask):
+class MicrowaveTableTask(OpeningTask):
     """Open the door of a microwave on a table.
 
     Start: the robot in its initial pose before the microwave, with noise U(-0.05, 0.05) rad on the arm's joints; the
@@ -92,14 +91,10 @@ class MicrowaveTableTask(SuiteTask):
     instructions = OPEN_MICROWAVE
     control_modes = CONTROL_MODES
     varied = VARIED
+    opened = "door"
 
     def __init__(
-        self,
-        scene: Scene,
-        *,
-        threshold: float = 0.3,
-        control_mode: str = "joint_offset",
-        **options: Any,
+        self, scene: Scene, *, threshold: float = 0.3, control_mode: str = "joint_offset", **options: Any
     ) -> None:
         """Sets the task up in a scene.
 
@@ -128,7 +123,9 @@ class MicrowaveTableTask(SuiteTask):
             home=DEFAULT_POSE,
             correct=self._away_from_goal,
         )
-        parts = {name: observable.Generic(functools.partial(self._part, part)) for name, part in PARTS.items()}
+        parts = {
+            name: observable.Generic(lambda physics, part=part: self._observation[part]) for name, part in PARTS.items()
+        }
         for part in parts.values():
             part.enabled = True
         self.observed = {**parts, **self.extra_observables}
@@ -137,22 +134,6 @@ class MicrowaveTableTask(SuiteTask):
 
     def __repr__(self) -> str:
         return f"MicrowaveTableTask(threshold={self.mdp.threshold:g})"
-
-    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
-        """Returns whether the door is open now, whether it was at any time, and its opening as a share of the goal."""
-        return {
-            "success": bool(infos["is_success"]),
-            "success_at_any_time": bool(infos["success_at_any_time"]),
-            "door_opening": float(infos["door_opening"]),
-        }
-
-    def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Returns the opening of the door, as a share of the goal."""
-        return infos["door_opening"]
-
-    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
-        key = "info/is_success"
-        return (("door",), arrays[key][:, np.newaxis]) if key in arrays else None
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._indices = SceneIndices(self.scene, self._goals, physics)
@@ -179,9 +160,6 @@ class MicrowaveTableTask(SuiteTask):
         self._observation = self.mdp.observation(self._simulation, self.state)
         if self._visualize_reward and physics is not None:
             self._highlighting.update([bool(self.state.is_success)])
-
-    def _part(self, part: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
-        return self._observation[part]
 
 
 def _sensors(scene: Scene) -> FeatureSensors:

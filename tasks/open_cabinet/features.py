@@ -11,9 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.tasks.mdp import FeatureSensors
 
-# Greatest distance between gripper and handle at which the drawer counts as held open [m].
-_HOLD_DISTANCE = 0.03
-
 # Index of each part in `Features.values`; a part with an integer instead of a slice has no axis.
 FEATURE_INDICES: Mapping[str, slice | int] = MappingProxyType(
     {
@@ -44,6 +41,18 @@ class Features:
 
     Attributes:
       values: `(..., 36)`, all parts end to end, in the order of `FEATURE_INDICES`.
+      joint_positions: `(..., 9)`, of the arm's seven joints [rad], left and right finger [m].
+      joint_velocities: `(..., 9)`, of the arm's seven joints [rad/s], left and right finger [m/s].
+      tcp_position: `(..., 3)`, tool centre point, the point between the finger tips [m].
+      tcp_quaternion: `(..., 4)`, gripper orientation w, x, y, z; z is the direction of approach, y points to the left
+        finger.
+      handle_position: `(..., 3)`, centre of the handle's bar [m].
+      handle_quaternion: `(..., 4)`, handle orientation w, x, y, z; equal to the gripper's when it holds the bar from
+        the front.
+      left_pad_height: `(...)`, z of the left finger's pad [m].
+      right_pad_height: `(...)`, z of the right finger's pad [m].
+      drawer_position: `(...)`, opening of the drawer, 0 when closed [m].
+      drawer_velocity: `(...)`, velocity of the drawer, positive when opening [m/s].
       handle_offset: `(..., 3)`, vector from the point between the finger tips to the handle, in the world frame [m].
       handle_distance: `(...)`, its length [m].
       quaternion_product: `(...)`, inner product of the two orientations, plus or minus the cosine of half the angle
@@ -53,11 +62,21 @@ class Features:
 
     def __init__(self, values: NDArray[np.float64]) -> None:
         """Wraps `values`, without a copy."""
-        self.values = values
+        self.values, parts = values, FEATURE_INDICES
+        self.joint_positions = values[..., parts["joint_positions"]]
+        self.joint_velocities = values[..., parts["joint_velocities"]]
+        self.tcp_position = values[..., parts["tcp_position"]]
+        self.tcp_quaternion = values[..., parts["tcp_quaternion"]]
+        self.handle_position = values[..., parts["handle_position"]]
+        self.handle_quaternion = values[..., parts["handle_quaternion"]]
+        self.left_pad_height = scalars(values[..., parts["left_pad_height"]])
+        self.right_pad_height = scalars(values[..., parts["right_pad_height"]])
+        self.drawer_position = scalars(values[..., parts["drawer_position"]])
+        self.drawer_velocity = scalars(values[..., parts["drawer_velocity"]])
         self.handle_offset: NDArray[np.float64] = self.handle_position - self.tcp_position
         self.handle_distance = np.sqrt(np.add.reduce(np.square(self.handle_offset), axis=-1))
         self.quaternion_product = np.add.reduce(self.handle_quaternion * self.tcp_quaternion, axis=-1)
-        self.is_held_open = (self.drawer_position > 0.0) & (self.handle_distance <= _HOLD_DISTANCE)
+        self.is_held_open = (self.drawer_position > 0.0) & (self.handle_distance <= 0.03)
 
     @classmethod
     def of(cls, **parts: ArrayLike) -> Self:
@@ -66,56 +85,6 @@ class Features:
         has_axis = [isinstance(index, slice) for index in FEATURE_INDICES.values()]
         columns = [array if axis else array[..., np.newaxis] for array, axis in zip(arrays, has_axis, strict=True)]
         return cls(np.concatenate(columns, axis=-1))
-
-    @property
-    def joint_positions(self) -> NDArray[np.float64]:
-        """`(..., 9)`: positions of the arm's seven joints [rad], left and right finger [m]."""
-        return self.values[..., FEATURE_INDICES["joint_positions"]]
-
-    @property
-    def joint_velocities(self) -> NDArray[np.float64]:
-        """`(..., 9)`: velocities of the arm's seven joints [rad/s], left and right finger [m/s]."""
-        return self.values[..., FEATURE_INDICES["joint_velocities"]]
-
-    @property
-    def tcp_position(self) -> NDArray[np.float64]:
-        """`(..., 3)`: tool centre point, the point between the finger tips [m]."""
-        return self.values[..., FEATURE_INDICES["tcp_position"]]
-
-    @property
-    def tcp_quaternion(self) -> NDArray[np.float64]:
-        """`(..., 4)`: gripper orientation w, x, y, z; z is the direction of approach, y points to the left finger."""
-        return self.values[..., FEATURE_INDICES["tcp_quaternion"]]
-
-    @property
-    def handle_position(self) -> NDArray[np.float64]:
-        """`(..., 3)`: centre of the handle's bar [m]."""
-        return self.values[..., FEATURE_INDICES["handle_position"]]
-
-    @property
-    def handle_quaternion(self) -> NDArray[np.float64]:
-        """`(..., 4)`: handle orientation w, x, y, z; equal to the gripper's when it holds the bar from the front."""
-        return self.values[..., FEATURE_INDICES["handle_quaternion"]]
-
-    @property
-    def left_pad_height(self) -> NDArray[np.float64]:
-        """`(...)`: z of the left finger's pad [m]."""
-        return scalars(self.values[..., FEATURE_INDICES["left_pad_height"]])
-
-    @property
-    def right_pad_height(self) -> NDArray[np.float64]:
-        """`(...)`: z of the right finger's pad [m]."""
-        return scalars(self.values[..., FEATURE_INDICES["right_pad_height"]])
-
-    @property
-    def drawer_position(self) -> NDArray[np.float64]:
-        """`(...)`: opening of the drawer, 0 when closed [m]."""
-        return scalars(self.values[..., FEATURE_INDICES["drawer_position"]])
-
-    @property
-    def drawer_velocity(self) -> NDArray[np.float64]:
-        """`(...)`: velocity of the drawer, positive when opening [m/s]."""
-        return scalars(self.values[..., FEATURE_INDICES["drawer_velocity"]])
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """Returns copies of all parts by name, from which `Features.of` makes equal features."""

@@ -2,12 +2,10 @@
 
 import collections
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import numpy as np
-from dm_control import mjcf
 from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
@@ -125,15 +123,21 @@ class OpenCabinetObservables:
         Args:
           noise_widths: half widths of the uniform noise by part, in the unit of the part; `None` for none.
         """
-        self.noise_scale = _noise_scale(noise_widths)
+        if not isinstance(noise_widths, Mapping | None):
+            shown = checks.shown(noise_widths)
+            raise TypeError(f"observation_noise must map parts of the observation to widths, got {shown}")
+        self.noise_scale = np.zeros(SIZE)
+        for name, width in (noise_widths or {}).items():
+            part = checks.choice(name, PARTS.keys(), "part of the observation")
+            self.noise_scale[SLICES[part]] = checks.number(width, f"observation_noise of {name!r}")
         self._is_noisy = bool(self.noise_scale.any())
         self._clean = self._noisy = np.zeros(SIZE, np.float32)
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict()
         for name, indices in SLICES.items():
-            self.by_name[name] = observable.Generic(functools.partial(self._part, indices))
+            self.by_name[name] = observable.Generic(lambda physics, indices=indices: self._clean[indices])
             self.by_name[name].enabled = True
             if self.noise_scale[indices].any():
-                self.by_name[name].corruptor = functools.partial(self._noisy_part, indices)
+                self.by_name[name].corruptor = lambda clean, random_state, indices=indices: self._noisy[indices]
 
     def update(self, values: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
         """Sets the present observation.
@@ -144,20 +148,3 @@ class OpenCabinetObservables:
         """
         self._clean = clipped(values)
         self._noisy = clipped(values + noise) if self._is_noisy else self._clean
-
-    def _part(self, indices: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
-        return self._clean[indices]
-
-    def _noisy_part(self, indices: slice, clean: NDArray, random_state: np.random.RandomState) -> NDArray[np.float32]:
-        return self._noisy[indices]
-
-
-def _noise_scale(widths: Mapping[str, float] | None) -> NDArray[np.float64]:
-    """Returns the half width of the noise on each of the 25 elements."""
-    if not isinstance(widths, Mapping | None):
-        raise TypeError(f"observation_noise must map parts of the observation to widths, got {checks.shown(widths)}")
-    scale = np.zeros(SIZE)
-    for name, width in (widths or {}).items():
-        part = checks.choice(name, PARTS.keys(), "part of the observation")
-        scale[SLICES[part]] = checks.number(width, f"observation_noise of {name!r}")
-    return scale

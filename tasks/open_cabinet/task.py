@@ -20,7 +20,7 @@ from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, OpenCabinetMD
 from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.reward import REWARDS
 from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization
-from kitchen_suite.tasks.task import Highlighting, Metrics, PolicyInputs, SuiteTask
+from kitchen_suite.tasks.task import Highlighting, OpeningTask, PolicyInputs
 
 # Instructions by drawer; see `tasks.goals`.
 INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -39,7 +39,7 @@ INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 RESET_NOISE = 0.125
 
 
-class OpenCabinetTask(SuiteTask):
+class OpenCabinetTask(OpeningTask):
     """Pull a drawer of the cabinet open.
 
     Start: the robot in its default pose in front of the cabinet, with noise U(-0.125, 0.125) on each joint within its
@@ -62,6 +62,7 @@ class OpenCabinetTask(SuiteTask):
     domain_name = "open_cabinet"
     control_modes = OFFSET_MODES
     varied = VARIED
+    opened = "drawer"
 
     def __init__(
         self,
@@ -110,11 +111,7 @@ class OpenCabinetTask(SuiteTask):
         )
         self.reward_name = reward
         super().__init__(scene, mdp, **observables)
-        self.vary(
-            handles=[scene.cabinet.handle_site(drawer)],
-            home=DEFAULT_POSE,
-            first=[*randomized.values()],
-        )
+        self.vary(handles=[scene.cabinet.handle_site(drawer)], home=DEFAULT_POSE, first=[*randomized.values()])
         self.observed = {**self._observables.by_name, **self.extra_observables}
         name = f"{drawer}_drawer" + ("" if reward == "original" else f"_{reward}")
         self.policy_inputs = PolicyInputs(names=(name,), state_size=observation.SIZE + self.extra_size)
@@ -146,22 +143,6 @@ class OpenCabinetTask(SuiteTask):
     def total_steps(self, value: int) -> None:
         count = checks.integer(value, "total_steps", minimum=0)
         self.episode = self.episode._replace(mdp_state=self.state._replace(total_steps=np.array(count)))
-
-    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
-        """Returns whether the drawer is open now, whether it was at any time, and its opening now [m]."""
-        return {
-            "success": bool(infos["is_success"]),
-            "success_at_any_time": bool(infos["success_at_any_time"]),
-            "drawer_opening": float(infos["drawer_opening"]),
-        }
-
-    def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Returns the opening of the drawer [m]."""
-        return infos["drawer_opening"]
-
-    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
-        key = "info/is_success"
-        return (("drawer",), arrays[key][:, np.newaxis]) if key in arrays else None
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = Highlighting(physics, [self.scene.cabinet.handle_geoms(self.drawer)])

@@ -122,15 +122,11 @@ class Randomization:
             raise TypeError(
                 f"randomization must be a Randomization, a dict or the name of a preset, got {checks.shown(value)}"
             )
-        wanted = value or {}
-        for name in wanted:
-            checks.choice(name, _PARAMETERS.keys(), "randomization's parameter")
-        return cls(
-            **{
-                name: distributions.parse(wanted[name], _PARAMETERS[name][0], f"randomization's {name}")
-                for name in wanted
-            }
-        )
+        parsed = {}
+        for name, each in (value or {}).items():
+            kind, _ = _PARAMETERS[checks.choice(name, _PARAMETERS.keys(), "randomization's parameter")]
+            parsed[name] = distributions.parse(each, kind, f"randomization's {name}")
+        return cls(**parsed)
 
     @property
     def by_name(self) -> dict[str, Any]:
@@ -141,14 +137,11 @@ class Randomization:
         """Returns what a reset draws by attribute, in a scene whose `top` or `bottom` drawer is to be opened."""
         offered = {parameter.name: parameter for parameter in (*scene.cabinet.parameters, *scene.robot.parameters)}
         owners = {"cabinet": scene.cabinet.mjcf_model.model, "robot": scene.robot.mjcf_model.model, "drawer": drawer}
-        return {
-            name: Draw(
-                parameter=offered[_PARAMETERS[name][1].format(**owners)],
-                variation=each,
-                label=f"randomization's {name}",
-            )
-            for name, each in self.by_name.items()
-        }
+        draws = {}
+        for name, each in self.by_name.items():
+            parameter = offered[_PARAMETERS[name][1].format(**owners)]
+            draws[name] = Draw(parameter=parameter, variation=each, label=f"randomization's {name}")
+        return draws
 
 
 # A few centimetres and degrees, and resistances within about a third of the default ones.

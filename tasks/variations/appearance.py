@@ -15,12 +15,6 @@ from kitchen_suite.tasks.variations.distributions import ParameterVariation, aro
 
 APPEARANCE, CAMERA = "appearance", "camera"
 
-# Each colour of a palette comes in these shades.
-_SHADES = (0.8, 0.9, 1.0)
-
-# Factors of the brightness of lights, held out.
-_DIM_OR_GLARING = ((0.6, 0.8), (1.2, 1.4))
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Palette:
@@ -110,8 +104,10 @@ GREY = Palette(
 
 def color(surface: str, palette: Palette) -> ParameterVariation:
     """Returns the variation of a surface's colour; `surface` is the beginning of its name, such as `walls/`."""
+    # Each colour in three shades.
     seen, held_out = (
-        [np.multiply(rgb, shade) for rgb in colors for shade in _SHADES] for colors in (palette.seen, palette.held_out)
+        [np.multiply(rgb, shade) for rgb in colors for shade in (0.8, 0.9, 1.0)]
+        for colors in (palette.seen, palette.held_out)
     )
     return one_of(f"{surface}color", APPEARANCE, seen=seen, held_out=held_out)
 
@@ -122,7 +118,10 @@ def texture(surface: str, *, seen: Sequence[int], held_out: Sequence[int]) -> Pa
 
 
 def brightness(
-    light: str, *, seen: tuple[float, float] = (0.8, 1.2), held_out: Sequence[tuple[float, float]] = _DIM_OR_GLARING
+    light: str,
+    *,
+    seen: tuple[float, float] = (0.8, 1.2),
+    held_out: Sequence[tuple[float, float]] = ((0.6, 0.8), (1.2, 1.4)),
 ) -> ParameterVariation:
     """Returns the variation of the brightness of lights; `light` is the beginning of the parameter's name."""
     return between(f"{light}brightness", APPEARANCE, seen=seen, held_out=held_out)
@@ -142,21 +141,17 @@ ROOM = (
 )
 
 # Variations in all domains with a microwave.
-MICROWAVE = (
-    color("microwave/", APPLIANCE),
-    color("microwave/handle_", METAL),
-)
+MICROWAVE = (color("microwave/", APPLIANCE), color("microwave/handle_", METAL))
 
 
 def cameras(*names: str) -> tuple[ParameterVariation, ...]:
     """Returns the variations of cameras, given their full names; those on the robot's hand are displaced less."""
-    return tuple(variation for name in names for variation in _camera(name))
-
-
-def _camera(name: str) -> tuple[ParameterVariation, ...]:
-    prefix, offset = camera_prefix(name), 0.005 if "/" in name else 0.05
-    return (
-        around(f"{prefix}offset", CAMERA, seen=offset, held_out=2 * offset),
-        around(f"{prefix}rotation", CAMERA, seen=0.03, held_out=0.06),
-        around(f"{prefix}fovy", CAMERA, seen=2.0, held_out=4.0),
-    )
+    variations: list[ParameterVariation] = []
+    for name in names:
+        prefix, offset = camera_prefix(name), 0.005 if "/" in name else 0.05
+        variations += [
+            around(f"{prefix}offset", CAMERA, seen=offset, held_out=2 * offset),
+            around(f"{prefix}rotation", CAMERA, seen=0.03, held_out=0.06),
+            around(f"{prefix}fovy", CAMERA, seen=2.0, held_out=4.0),
+        ]
+    return tuple(variations)

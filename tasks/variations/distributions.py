@@ -100,14 +100,7 @@ class Offsets(Bands):
 
 @dataclasses.dataclass(frozen=True)
 class _Distribution:
-    """A composer distribution.
-
-    Attributes:
-      make: its class.
-      arguments: meanings of the arguments, for messages.
-      ordered: whether the two arguments are bounds of its values.
-      dtype: of its arguments.
-    """
+    """A composer distribution: its class; the meanings of its arguments, for messages; whether these are bounds."""
 
     make: Callable[..., variation.Variation]
     arguments: tuple[str, ...]

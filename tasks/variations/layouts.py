@@ -16,15 +16,6 @@ from kitchen_suite.tasks.mdp import as_columns
 # Depth by which two geoms may be deeper in each other than in the default layout [m].
 CLEARANCE_TOLERANCE = 0.004
 
-# Geoms whose coordinates differ by less have not moved [m; elements of rotation matrices].
-_UNMOVED = 1e-6
-
-# Distance from a handle at which it counts as reached [m].
-REACH_TOLERANCE = 0.005
-
-# Greatest numbers of steps in the default layout, from the robot's start, and from there in another one.
-_FIRST_STEPS, _STEPS = 200, 15
-
 
 class Clearance:
     """Depths of the colliding geoms of entities in those of other entities.
@@ -42,11 +33,8 @@ class Clearance:
         first, second = (geoms[indices] for indices in np.triu_indices(geoms.size, 1))
         other_owner = owners[first] != owners[second]
         self._first, self._second = first[other_owner], second[other_owner]
-        self._props, self._first_owner, self._second_owner = (
-            tuple(scene.props),
-            owners[self._first],
-            owners[self._second],
-        )
+        self._props = tuple(scene.props)
+        self._first_owner, self._second_owner = owners[self._first], owners[self._second]
         self._positions, self._rotations = data.geom_xpos.copy(), data.geom_xmat.copy()
         self._depths = np.zeros(self._first.size)
         self._depths[self._near(data)] = [self._depth(data, pair) for pair in self._near(data)]
@@ -59,15 +47,12 @@ class Clearance:
 
     def excess(self, data: mujoco.MjData) -> float:
         """Returns the greatest depth beyond that of the default layout in the layout of some kinematics [m]."""
-        moved = np.abs(data.geom_xpos - self._positions).max(axis=1) > _UNMOVED
-        moved |= np.abs(data.geom_xmat - self._rotations).max(axis=1) > _UNMOVED
+        # In metres, and in elements of rotation matrices.
+        moved = np.abs(data.geom_xpos - self._positions).max(axis=1) > 1e-6
+        moved |= np.abs(data.geom_xmat - self._rotations).max(axis=1) > 1e-6
         near = self._near(data)
         pairs = near[moved[self._first[near]] | moved[self._second[near]]]
         return max((self._depth(data, pair) - self._depths[pair] for pair in pairs), default=0.0)
-
-    def is_free(self, data: mujoco.MjData) -> bool:
-        """Whether no geom is deeper in another one than in the default layout, up to the tolerance."""
-        return self.excess(data) <= CLEARANCE_TOLERANCE
 
     def _near(self, data: mujoco.MjData) -> NDArray[np.int64]:
         """Returns the indices of the pairs in which the bounding sphere of each geom meets the other's box."""
@@ -128,37 +113,32 @@ class Reach:
         start = np.clip(data.qpos[self._qpos], self._low, self._high)
         self._solutions = []
         for handle, element in zip(self._handles, handles, strict=True):
-            if (solution := self._solve(data, handle, start, _FIRST_STEPS)) is None:
+            if (solution := self._solve(data, handle, start, steps=200)) is None:
                 raise ValueError(f"the robot cannot reach {element.full_identifier} in the default layout")
             self._solutions.append(solution)
 
     def reaches_all(self, data: mujoco.MjData) -> bool:
         """Whether all handles can be reached in the layout of some kinematics; moves the arm of `data`."""
         pairs = zip(self._handles, self._solutions, strict=True)
-        return all(self._solve(data, handle, solution, _STEPS) is not None for handle, solution in pairs)
+        return all(self._solve(data, handle, solution, steps=15) is not None for handle, solution in pairs)
 
     def _solve(
         self, data: mujoco.MjData, handle: int, start: NDArray[np.float64], steps: int
     ) -> NDArray[np.float64] | None:
-        """Returns joint positions `(7,)` with the end effector at a handle [rad]; None if none are found."""
+        """Returns joint positions `(7,)` with the hand within 5 mm of a handle [rad]; None if none are found."""
         target, joints = data.site_xpos[handle].copy(), start
         for _ in range(steps):
             data.qpos[self._qpos] = joints
             mujoco.mj_kinematics(self._model, data)
             error = target - data.site_xpos[self._hand]
-            if np.linalg.norm(error) <= REACH_TOLERANCE:
+            if np.linalg.norm(error) <= 0.005:
                 return joints
-            joints = self._step(data, joints, error)
+            position, anchors, axes = data.site_xpos[self._hand], data.xanchor[self._joints], data.xaxis[self._joints]
+            linear = inverse_kinematics.jacobian(position, anchors, axes)[:3]
+            # Joints that would leave their range stay at its end.
+            low, high = self._low - joints, self._high - joints
+            joints = joints + inverse_kinematics.joint_step(linear, error, np.zeros(joints.size), low, high)
         return None
-
-    def _step(
-        self, data: mujoco.MjData, joints: NDArray[np.float64], error: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Returns joint positions nearer to the handle; joints that would leave their range stay at its end."""
-        position, anchors, axes = data.site_xpos[self._hand], data.xanchor[self._joints], data.xaxis[self._joints]
-        linear = inverse_kinematics.jacobian(position, anchors, axes)[:3]
-        low, high = self._low - joints, self._high - joints
-        return joints + inverse_kinematics.joint_step(linear, error, np.zeros(joints.size), low, high)
 
 
 class LayoutCheck:
@@ -184,7 +164,7 @@ class LayoutCheck:
         The physics must be that of `bind`; its derived quantities need not be up to date.
         """
         self._copy(physics)
-        return self._clearance.is_free(self._data) and self._reach.reaches_all(self._data)
+        return self._clearance.excess(self._data) <= CLEARANCE_TOLERANCE and self._reach.reaches_all(self._data)
 
     def _copy(self, physics: mjcf.Physics) -> None:
         self._data.qpos[:] = physics.data.qpos

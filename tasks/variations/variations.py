@@ -27,8 +27,6 @@ MAX_REFUSALS = 20
 # Flag of MuJoCo with which objects at rest sleep.
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 
-_MAX_PARTS = 8  # Parts of a parameter's name, of which `kettle/mass` has two.
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class VariationRequest:
@@ -142,7 +140,6 @@ class Variations:
         self._check_ranges(self.randomizer.checked(constants))
 
     def _check_ranges(self, values: Values) -> None:
-        """Raises a ValueError if a value is outside its parameter's range."""
         for name, value in values.items():
             low, high = self.ranges[name]
             if (value < low).any() or (value > high).any():
@@ -214,7 +211,13 @@ class Variations:
         start, self._refusals = np.array(physics.data.qpos), 0
         if self._layout_check:
             seed = random_state.randint(2**31)
-            self._bind_layout_check(physics, self._layout_check)
+            if self._checked_model is not physics.model.ptr:
+                # The check compares with the default layout, once for each compiled scene.
+                self._checked_model = physics.model.ptr
+                self._apply(self.randomizer.defaults)
+                if self._home is not None:
+                    physics.bind(self._scene.robot.joints).qpos = self._home
+                self._layout_check.bind(physics)
             self._set_accepted(physics, self._layout_check, start, drawn, request, seed)
         else:
             self._set(physics, start, request.applied(drawn, self.randomizer.defaults))
@@ -246,16 +249,6 @@ class Variations:
         if trial is not request:
             self._set(physics, start, request.applied(drawn, defaults))
 
-    def _bind_layout_check(self, physics: mjcf.Physics, check: LayoutCheck) -> None:
-        """Binds the layout check to the default layout, once for each compiled scene."""
-        if self._checked_model is physics.model.ptr:
-            return
-        self._checked_model = physics.model.ptr
-        self._apply(self.randomizer.defaults)
-        if self._home is not None:
-            physics.bind(self._scene.robot.joints).qpos = self._home
-        check.bind(physics)
-
     def _set(self, physics: mjcf.Physics, start: NDArray[np.float64], values: Values) -> None:
         """Sets values at a start state, corrected by the task."""
         physics.data.qpos[:] = start
@@ -273,20 +266,14 @@ class Variations:
     def place_fixed(self) -> None:
         """Moves what is fixed to where the current values have it, as MuJoCo does by itself where nothing sleeps."""
         if self.moves_sleepers or (self._scene.sleeps and self.randomizer.visual_fields):
-            _place_fixed(self._physics.model.ptr, self._physics.data.ptr)
-
-
-def _place_fixed(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Computes the poses of all bodies, cameras and lights.
-
-    With `SLEEP`, MuJoCo does not look whether those that are fixed, or on fixed bodies, have been moved.
-    """
-    flags = model.opt.enableflags
-    model.opt.enableflags = flags & ~SLEEP
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_camlight(model, data)
-    model.opt.enableflags = flags
+            model, data = self._physics.model.ptr, self._physics.data.ptr
+            flags = model.opt.enableflags
+            # With `SLEEP`, MuJoCo does not look whether those that are fixed, or on fixed bodies, have been moved.
+            model.opt.enableflags = flags & ~SLEEP
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_camlight(model, data)
+            model.opt.enableflags = flags
 
 
 def _parsed(
@@ -300,7 +287,6 @@ def _parsed(
 
 
 def _in_groups(names: str | Sequence[str], rows: Mapping[str, ParameterVariation]) -> set[str]:
-    """Returns the parameters of some groups."""
     groups = [checks.choice(name, GROUPS, "variation") for name in _group_names(names, "variations")]
     present = [group for group in GROUPS if any(row.group == group for row in rows.values())]
     if empty := [group for group in groups if group not in present]:
@@ -319,7 +305,8 @@ def flat_values(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Returns the leaves of nested dicts by their path, the parts of which are joined by `/`."""
     if not isinstance(values, Mapping):
         raise TypeError(f"variation_values must be a dict, got {checks.shown(values)}")
-    if prefix.count("/") > _MAX_PARTS:
+    # `kettle/mass` has two parts.
+    if prefix.count("/") > 8:
         raise ValueError(f"variation_values are nested too deeply at {checks.shown(prefix)}")
     flat: dict[str, Any] = {}
     for name, value in values.items():

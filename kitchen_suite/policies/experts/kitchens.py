@@ -17,50 +17,23 @@ from kitchen_suite.entities.designs import KitchenDesign, build_generated_kitche
 from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
 from kitchen_suite.entities.props import Prop
 from kitchen_suite.names import REVERSES
+from kitchen_suite.policies.experts import kitchen_skills, skills, trajectories
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
-from kitchen_suite.policies.experts.kitchen_skills import (
-    AT_RESET,
-    BACK,
-    DOWN,
-    KNOB_ANGLE,
-    SKILLS,
-    direction,
-    grasp,
-    push,
-    turn_knob,
-    turn_knob_back,
-)
-from kitchen_suite.policies.experts.skills import (
-    CLOSED,
-    OPEN,
-    ArcMove,
-    Array,
-    HandOrientation,
-    Move,
-    Prismatic,
-    Revolute,
-    Skill,
-)
-from kitchen_suite.policies.experts.trajectories import (
-    OUT_OF_REACH,
-    JointSpeedLimits,
-    JointTrajectory,
-    plan,
-    plan_retreat,
-)
+from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, BACK, DOWN, KNOB_ANGLE, SKILLS, direction
+from kitchen_suite.policies.experts.skills import ArcMove, Array, HandOrientation, Move, Prismatic, Revolute, Skill
+from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
 from kitchen_suite.tasks.kitchen.goals import GOALS
-from kitchen_suite.tasks.kitchens.mdp import CLOSED as CLOSED_OPENING
-from kitchen_suite.tasks.kitchens.mdp import OPEN as OPEN_OPENING
+from kitchen_suite.tasks.kitchens import mdp
 from kitchen_suite.tasks.kitchens.mdp import PARTS, SIZE, SLOT_PARTS, SLOT_SIZE, Slots, SlotSensors
 from kitchen_suite.tasks.kitchens.task import KitchensTask
 
 # Openings at which the expert leaves a part, some noise beyond those that count.
-_OPENED, _SHUT = OPEN_OPENING + 0.02, CLOSED_OPENING - 0.02
+_OPENED, _SHUT = mdp.OPEN + 0.02, mdp.CLOSED - 0.02
 
 # How far the hand takes a part, as an opening: what it pulls lags behind. How far beyond its stop it turns a knob off.
 _PULLED, _PRESSED = 1.1, 0.25
@@ -93,9 +66,6 @@ _ALTERNATIVES, _TRIED = 3, 12
 
 # Number of motions that are tried in the usual order.
 _USUAL = 6
-
-# Tasks of the kitchen that undo others.
-_UNDOES = {task: reverse for reverse, task in REVERSES.items()}
 
 # Joint positions from which inverse kinematics starts [rad], the first joint turned towards the handle. The last two
 # were found by search: with them the hand reaches nearly all places that it reaches from any start.
@@ -130,12 +100,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 class Target(NamedTuple):
-    """A part and what is asked of it.
-
-    Attributes:
-      index: of the part in the design.
-      opens: whether it is to be open, on, or moved.
-    """
+    """A part, by its index in the design, and whether it is to be open, on, or moved."""
 
     index: int
     opens: bool
@@ -185,19 +150,17 @@ class PartExpert(Expert):
         openings = requested[:, SLOT_PARTS["opening"].start]
         goals = requested[:, SLOT_PARTS["goal"].start] > 0.5
         done = np.where(goals, openings >= _OPENED, openings <= _SHUT)
+        rest = JointTrajectory.stationary(joints, skills.OPEN)
         if self._trajectory is None:
             self._targets = [self._kitchen.find(row) for row in requested]
-            start = JointTrajectory.stationary(joints, OPEN)
-            return self._then_next(start, done, openings)
+            return self._then_next(rest, done, openings)
         present = self._present
-        if present is None:
-            if done.all() or not self._has_ended(_SETTLE_STEPS):
-                return None
-            return self._then_next(JointTrajectory.stationary(joints, OPEN), done, openings)
-        if done[self._targets.index(present)]:
+        if present is not None and done[self._targets.index(present)]:
             return self._then_next(self._plan_retreat(joints), done, openings)
-        if not self._has_ended(_SETTLE_STEPS):
+        if done.all() or not self._has_ended(_SETTLE_STEPS):
             return None
+        if present is None:
+            return self._then_next(rest, done, openings)
         self._failures[present] = self._failures.get(present, 0) + 1
         return self._then_next(self._plan_retreat(joints), done, openings)
 
@@ -216,11 +179,12 @@ class PartExpert(Expert):
         planned = motion.planned(self._kinematics, self._limits, self._draw_offsets(count))
         path, _ = self._kitchen.path(trajectory.knots[-1], planned.knots[0], target, opening)
         for joints in path:
-            trajectory = trajectory.then(JointTrajectory.stationary(joints, OPEN), self._limits)
+            trajectory = trajectory.then(JointTrajectory.stationary(joints, skills.OPEN), self._limits)
         return trajectory.then(planned, self._limits)
 
     def _plan_retreat(self, joints: Array) -> JointTrajectory:
-        return plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=self._current_fingers)
+        fingers = self._current_fingers
+        return trajectories.plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=fingers)
 
 
 @functools.cache
@@ -238,13 +202,7 @@ def _tucked(joints: Array, place: Vector) -> Array:
 
 
 class Motion(NamedTuple):
-    """A skill for a part where it stands.
-
-    Attributes:
-      skill: in the frame.
-      frame: of the skill, in the world.
-      position: of the skill's object joint [rad, m].
-    """
+    """A skill for a part where it stands: the skill's frame in the world, and position of its object joint [rad, m]."""
 
     skill: Skill
     frame: mink.SE3
@@ -262,7 +220,7 @@ class Motion(NamedTuple):
         self, kinematics: ArmKinematics, limits: JointSpeedLimits, offsets: Array | tuple[()] = ()
     ) -> JointTrajectory:
         """Returns the trajectory; `offsets` as of `plan`."""
-        return plan(
+        return trajectories.plan(
             kinematics, limits, self.skill, frame=self.frame, object_position=self.position, offsets=iter(offsets)
         )
 
@@ -285,7 +243,7 @@ class _Kitchen:
     def __init__(self, design: KitchenDesign) -> None:
         built = build_generated_kitchen(design, visuals=False)
         self.parts = tuple(part for _, part in built.parts)
-        self.names = tuple(f"{name}/{part.joint or part.handle}" for name, part in built.parts)
+        self.names = built.part_names
         self._physics = physics = mjcf.Physics.from_mjcf_model(built.arena.mjcf_model)
         self.slots = Slots.of(built, physics)
         self._data = mujoco.MjData(physics.model.ptr)
@@ -368,11 +326,7 @@ class _Kitchen:
     def _touches(self, knots: list[Array], target: Target, opening: float, among: NDArray[np.bool_]) -> int:
         """Returns at how many joint positions, `(7,)` and between them, the robot touches something or itself.
 
-        Args:
-          knots: the joint positions.
-          target: part that is at an opening; all others are closed.
-          opening: of the part.
-          among: `(geoms,)`, whether contacts of a geom count.
+        All parts but the target are closed; contacts count between geoms that are `among` `(geoms,)`.
         """
         model, data = self._physics.model.ptr, self._data
         data.qpos[:] = model.qpos0
@@ -411,7 +365,8 @@ class _Kitchen:
     def _twins(self, part: Part, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
         """Yields the skill of the kitchen's task for a part like it, moved to where the part is."""
         assert part.twin is not None
-        task, k = part.twin if target.opens else _UNDOES[part.twin], target.index
+        reverses = {task: reverse for reverse, task in REVERSES.items()}
+        task, k = part.twin if target.opens else reverses[part.twin], target.index
         skill, handle = SKILLS[task], _default_handles()[part.twin]
         into = self.slots.into[k]
         yaw = np.arctan2(-into[0], into[1]) - (_MICROWAVE_YAW if part.twin == "microwave" else 0.0)
@@ -429,111 +384,116 @@ class _Kitchen:
             skill = skill.with_orientation(AT_RESET)
         if part.kind == "knob":
             x, _, height = handle
-            for seed, yaw, pitch in itertools.product(
-                (*_SEEDS[:1], _tuck(_TUCKS[0]), *_SEEDS[1:]), _KNOB_YAWS, _KNOB_PITCHES
-            ):
-                hand = HandOrientation(approach=direction(yaw, pitch), spread=DOWN) if turns_hand else AT_RESET
+            seeds = (*_SEEDS[:1], _tuck(_TUCKS[0]), *_SEEDS[1:])
+            for seed, yaw, pitch in itertools.product(seeds, _KNOB_YAWS, _KNOB_PITCHES):
+                hand, mirrored = AT_RESET, AT_RESET
+                if turns_hand:
+                    hand, mirrored = (
+                        HandOrientation(approach=direction(each, pitch), spread=DOWN) for each in (yaw, -yaw)
+                    )
                 aimed = _aimed(seed, self.slots.position[k])
                 if target.opens:
-                    yield Motion.of(turn_knob(x, height, hand, KNOB_ANGLE), frame, position, aimed)
+                    yield Motion.of(kitchen_skills.turn_knob(x, height, hand, KNOB_ANGLE), frame, position, aimed)
                     continue
                 # Around the lower end from the left, or against the upper end from the right.
-                yield Motion.of(turn_knob_back(x, height, hand), frame, position, aimed)
-                hand = HandOrientation(approach=direction(-yaw, pitch), spread=DOWN) if turns_hand else AT_RESET
-                yield Motion.of(_turn_back(handle, hand), frame, position, aimed)
+                yield Motion.of(kitchen_skills.turn_knob_back(x, height, hand), frame, position, aimed)
+                yield Motion.of(_turn_back(handle, mirrored), frame, position, aimed)
             return
         for angle in _TURNS if turns_hand else (0.0,):
             yield Motion.of(skill.turned(angle) if angle else skill, frame, position, skill.ik_seed)
 
     def _skills(self, part: Part, target: Target, position: float) -> Iterator[Skill]:
         """Yields skills for a part whose joint is at a position [rad, m], in the world with the part closed."""
-        k = target.index
-        handle, into, axis, opened = self.slots.position[k], self.slots.into[k], self.slots.axis[k], part.opened
-        right = np.cross(into, _UP)
+        k, opened = target.index, part.opened
+        handle = _Handle(
+            *(each[k] for each in (self.slots.position, self.slots.into, self.slots.axis, self.slots.anchor))
+        )
+        right = np.cross(handle.into, _UP)
         for pitch, yaw in itertools.product(_PITCHES, _YAWS):
-            approach = mink.SO3.from_z_radians(yaw).apply(into * np.cos(pitch) + _UP * np.sin(pitch))
-            across = mink.SO3.from_z_radians(yaw).apply(right)
+            about = mink.SO3.from_z_radians(yaw)
+            approach = about.apply(handle.into * np.cos(pitch) + _UP * np.sin(pitch))
             for sign in (1.0, -1.0):
                 upright = HandOrientation(approach=_vector(approach), spread=_vector(sign * _UP))
-                level = HandOrientation(approach=_vector(approach), spread=_vector(sign * across))
+                level = HandOrientation(approach=_vector(approach), spread=_vector(sign * about.apply(right)))
                 match part.kind, target.opens:
                     case "drawer", True:
-                        yield _pull_drawer(handle, into, upright, opened * _PULLED - position)
+                        yield handle.pull_drawer(upright, opened * _PULLED - position)
                     case "drawer", False:
-                        yield _push_drawer(handle, into, level, position)
+                        yield handle.push_drawer(level, position)
                     case "door", True:
                         for ratio in _RATIOS:
-                            yield _swing(handle, self.slots.anchor[k], axis, into, level, opened * _PULLED, ratio)
+                            yield handle.swing(level, opened * _PULLED, ratio)
                     case "knob", _:
                         angle = opened * (_PULLED if target.opens else -_PRESSED)
-                        yield _swing(handle, self.slots.anchor[k], axis, into, level, angle, 1.0, _KNOB_DISTANCES)
+                        yield handle.swing(level, angle, 1.0, _KNOB_DISTANCES)
                     case "door", False:
-                        side = np.sign(opened) * right
                         for share in (1.0, 0.5):
-                            turned = mink.SO3.exp(-share * position * axis)
+                            turned = mink.SO3.exp(-share * position * handle.axis)
                             hand = HandOrientation.from_rotation(turned @ upright.rotation)
-                            yield _shut(handle, self.slots.anchor[k], axis, into, hand, side)
+                            yield handle.shut(hand, np.sign(opened) * right)
                         for ratio in _RATIOS:
-                            yield _swing(handle, self.slots.anchor[k], axis, into, level, 0.0, ratio)
+                            yield handle.swing(level, 0.0, ratio)
                     case _:
-                        way = axis * np.sign(opened)
                         distance = abs(opened) * _PULLED - abs(position) if target.opens else -abs(position) - 0.01
-                        yield _slide(handle, into, upright, way, distance)
+                        yield handle.slide(upright, handle.axis * np.sign(opened), distance)
 
 
-def _pull_drawer(handle: Array, into: Array, hand: HandOrientation, distance: float) -> Skill:
-    """Skill that grasps a drawer's bar and pulls the drawer out by a distance [m]."""
-    moves = grasp(_vector(handle), hand, _DISTANCES, settle_steps=4)
-    end = _vector(np.array(moves[-1].position) - into * distance)
-    pull = Move(position=end, orientation=hand, fingers=CLOSED, speed=0.4)
-    return _skill((*moves, pull), _ANY_WAY, retreat=-0.1 * into, release_steps=3)
+class _Handle(NamedTuple):
+    """A handle with its part closed, in the world, and the skills that move the part by it; vectors as in `Slots`."""
 
+    position: Array
+    into: Array
+    axis: Array
+    anchor: Array
 
-def _push_drawer(handle: Array, into: Array, hand: HandOrientation, distance: float) -> Skill:
-    """Skill that pushes the front of a drawer below its bar, by a distance [m]."""
-    contact = handle + into * CLEARANCE - _UP * _BESIDE
-    tips = (contact - 0.12 * into, contact - 0.03 * into, contact + (distance + 0.02) * into)
-    return _skill(push([*map(_vector, tips)], hand, speed=0.4), _ANY_WAY, retreat=-0.1 * into)
+    @property
+    def front(self) -> Array:
+        """Point of the front behind the handle [m]."""
+        return self.position + self.into * CLEARANCE
 
+    def _skill(self, moves: tuple[Move | ArcMove, ...], joint: Revolute | Prismatic, release_steps: int = 0) -> Skill:
+        return _skill(moves, joint, retreat=-0.1 * self.into, release_steps=release_steps)
 
-def _swing(
-    handle: Array,
-    anchor: Array,
-    axis: Array,
-    into: Array,
-    hand: HandOrientation,
-    angle: float,
-    ratio: float,
-    distances: Vector = _DISTANCES,
-) -> Skill:
-    """Skill that grasps the bar of a door or of a knob and swings it to an angle [rad]."""
-    moves = grasp(_vector(handle), hand, distances, settle_steps=4)
-    arc = ArcMove(angle=angle, hand_rotation_ratio=ratio, speed=1.0)
-    return _skill((*moves, arc), _hinge(anchor, axis), retreat=-0.1 * into, release_steps=3)
+    def pull_drawer(self, hand: HandOrientation, distance: float) -> Skill:
+        """Skill that grasps a drawer's bar and pulls the drawer out by a distance [m]."""
+        moves = kitchen_skills.grasp(_vector(self.position), hand, _DISTANCES, settle_steps=4)
+        end = _vector(np.array(moves[-1].position) - self.into * distance)
+        pull = Move(position=end, orientation=hand, fingers=skills.CLOSED, speed=0.4)
+        return self._skill((*moves, pull), _ANY_WAY, release_steps=3)
 
+    def push_drawer(self, hand: HandOrientation, distance: float) -> Skill:
+        """Skill that pushes the front of a drawer below its bar, by a distance [m]."""
+        contact = self.front - _UP * _BESIDE
+        tips = (contact - 0.12 * self.into, contact - 0.03 * self.into, contact + (distance + 0.02) * self.into)
+        return self._skill(kitchen_skills.push([*map(_vector, tips)], hand, speed=0.4), _ANY_WAY)
 
-def _shut(handle: Array, anchor: Array, axis: Array, into: Array, hand: HandOrientation, side: Array) -> Skill:
-    """Skill that pushes the front of a door shut, beside its bar on a side, the way to the hinges."""
-    contact = handle + into * CLEARANCE + side * _BESIDE
-    tips = [_vector(contact - 0.12 * into), _vector(contact - 0.03 * into)]
-    arc = ArcMove(angle=0.0, hand_rotation_ratio=0.3, speed=1.0)
-    return _skill((*push(tips, hand, speed=0.4), arc), _hinge(anchor, axis), retreat=-0.1 * into)
+    def swing(self, hand: HandOrientation, angle: float, ratio: float, distances: Vector = _DISTANCES) -> Skill:
+        """Skill that grasps the bar of a door or of a knob and swings it to an angle [rad]."""
+        moves = kitchen_skills.grasp(_vector(self.position), hand, distances, settle_steps=4)
+        arc = ArcMove(angle=angle, hand_rotation_ratio=ratio, speed=1.0)
+        return self._skill((*moves, arc), _hinge(self.anchor, self.axis), release_steps=3)
+
+    def shut(self, hand: HandOrientation, side: Array) -> Skill:
+        """Skill that pushes the front of a door shut, beside its bar on a side, the way to the hinges."""
+        contact = self.front + side * _BESIDE
+        tips = [_vector(contact - 0.12 * self.into), _vector(contact - 0.03 * self.into)]
+        arc = ArcMove(angle=0.0, hand_rotation_ratio=0.3, speed=1.0)
+        return self._skill((*kitchen_skills.push(tips, hand, speed=0.4), arc), _hinge(self.anchor, self.axis))
+
+    def slide(self, hand: HandOrientation, way: Array, distance: float) -> Skill:
+        """Skill that pushes the bar of a sliding door from its side, by a distance along the way that opens it [m]."""
+        sign = np.sign(distance)
+        contact = self.position + 0.02 * self.into - sign * _ALONG * way
+        tips = (contact - 0.12 * self.into - sign * 0.03 * way, contact - sign * 0.02 * way, contact + distance * way)
+        return self._skill(kitchen_skills.push([*map(_vector, tips)], hand, speed=0.5), _ANY_WAY)
 
 
 def _turn_back(handle: Array, hand: HandOrientation) -> Skill:
     """Skill that turns a knob off by pushing the upper end of its bar to the left, from where it stands when off."""
     tip = np.add(handle, (_LEVER, 0.0, _LEVER))
     tips = [_vector(tip - (0.0, 0.07, 0.0)), _vector(tip)]
-    moves = (*push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0))
-    return _skill(moves, _hinge(handle, np.array(BACK)), retreat=np.array([0.0, -0.04, 0.0]))
-
-
-def _slide(handle: Array, into: Array, hand: HandOrientation, way: Array, distance: float) -> Skill:
-    """Skill that pushes the bar of a sliding door from its side, by a distance along the way that opens it [m]."""
-    contact = handle + 0.02 * into - np.sign(distance) * _ALONG * way
-    free = contact - 0.12 * into - np.sign(distance) * 0.03 * way
-    tips = (free, contact - np.sign(distance) * 0.02 * way, contact + distance * way)
-    return _skill(push([*map(_vector, tips)], hand, speed=0.5), _ANY_WAY, retreat=-0.1 * into)
+    pushes, arc = kitchen_skills.push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0)
+    return _skill((*pushes, arc), _hinge(handle, np.array(BACK)), retreat=np.array([0.0, -0.04, 0.0]))
 
 
 # Of an object that has moved by x, y and z.
@@ -584,9 +544,7 @@ def _may_touch(prop: Prop, part: Part, bodies: list[str]) -> NDArray[np.bool_]:
     return np.array([body.startswith(prefix) for body in bodies])
 
 
-@functools.lru_cache(maxsize=64)
-def _kitchen(design: KitchenDesign) -> _Kitchen:
-    return _Kitchen(design)
+_kitchen = functools.lru_cache(maxsize=64)(_Kitchen)
 
 
 def reached_handles(design: KitchenDesign) -> dict[str, bool]:
