@@ -1,5 +1,6 @@
 """The work of `kitchen-certify`: kitchens are built, measured, and played in by the scripted expert."""
 
+import collections
 import concurrent.futures
 import functools
 import multiprocessing
@@ -101,22 +102,20 @@ class CertifyJob:
         workers = min(self._settings.num_workers or processors(), max(len(numbers), 1))
         work = functools.partial(certify, split=self._settings.split)
         with concurrent.futures.ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-            for certificate in tqdm(
-                pool.map(work, numbers), total=len(numbers), unit="kitchen", disable=None, leave=False
-            ):
+            made = pool.map(work, numbers)
+            for certificate in tqdm(made, total=len(numbers), unit="kitchen", disable=None, leave=False):
                 self._done += 1
                 yield certificate
 
 
 def _report(found: list[Certificate]) -> str:
     """Returns a table of tasks and how many of them the expert completed, and a line on the kitchens."""
-    rows: dict[str, list[bool]] = {}
+    rows = collections.defaultdict(list)
     for certificate in found:
         for name, steps in certificate.steps.items():
             verb, _, part = name.partition(" ")
-            rows.setdefault(f"{verb} {part.rpartition('/')[0].rpartition('_')[0] or part}", []).append(
-                steps is not None
-            )
+            kind = part.rpartition("/")[0].rpartition("_")[0] or part
+            rows[f"{verb} {kind}"].append(steps is not None)
     everything = [done for each in rows.values() for done in each]
     cells = [[name, str(len(each)), f"{np.mean(each):.0%}"] for name, each in sorted(rows.items())]
     cells.append(["all", str(len(everything)), f"{np.mean(everything):.1%}"])

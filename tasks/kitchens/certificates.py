@@ -9,7 +9,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -83,11 +82,10 @@ def certificate_of(design: KitchenDesign) -> Certificate:
     if not number:
         raise ValueError("only kitchens of a split have certificates: certified needs a number as design")
     checks.choice(split, SPLITS, "split")
-    found: Any = _known(split).get(int(number))
+    found = _known(split).get(int(number))
     if found is None:
         command = f"kitchen-certify --split={split} --designs={number}:{int(number) + 1}"
         raise ValueError(f"kitchen {design.name} has no certificate: {command} makes one")
     if found.digest != design_digest(design):
         raise ValueError(f"the certificate of kitchen {design.name} is of another design: certify it again")
-    certificate: Certificate = found
-    return certificate
+    return found
