@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,7 +142,7 @@ class KitchenDesign:
     name: str = ""
 
     @classmethod
-    def make(cls, design: "Design", split: str) -> Self:
+    def make(cls, design: "Design", split: str) -> "KitchenDesign":
         """Returns a checked design.
 
         Args:
@@ -154,7 +154,7 @@ class KitchenDesign:
           ValueError: a design that cannot be built; messages name the value by its path in the JSON.
         """
         checks.choice(split, SPLITS, "split")
-        if isinstance(design, cls):
+        if isinstance(design, KitchenDesign):
             return design
         if isinstance(design, Mapping):
             return _parsed(cls, design)
@@ -165,9 +165,9 @@ class KitchenDesign:
         return cls.drawn(checks.integer(design, "design", minimum=0), split)
 
     @classmethod
-    def drawn(cls, number: int, split: str) -> Self:
+    def drawn(cls, number: int, split: str) -> "KitchenDesign":
         """Returns the design of a number of a split, from the grammar."""
-        return _drawn(number, split)  # type: ignore[return-value]
+        return _drawn(number, split)
 
     def to_json(self) -> dict[str, Any]:
         """Returns the design as a JSON object, without what is None."""

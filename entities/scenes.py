@@ -224,7 +224,7 @@ class KitchenArena(SiteArena):
 
     xml_name = "kitchen_arena"
     default_name = "kitchen"
-    surfaces = appearance.KITCHEN
+    surfaces: Sequence[Surface] = appearance.KITCHEN
     # A sixth of a control step.
     fast_physics = FastPhysics(timestep=0.08 / 6)
 

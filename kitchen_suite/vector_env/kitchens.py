@@ -20,7 +20,7 @@ class KitchensVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
 
     env_class = KitchensEnv
 
-    def _make_templates(  # type: ignore[override]
+    def _make_templates(
         self, *, design: Design | Sequence[Design] = 0, split: str = "train", **settings: Any
     ) -> Sequence[KitchensEnv]:
         if isinstance(design, str) or not isinstance(design, Sequence | np.ndarray):

@@ -152,6 +152,7 @@ class KitchensTask(SuiteTask):
       requests: the parts that episodes ask for.
     """
 
+    scene: GeneratedKitchen
     mdp: KitchensMDP
     requests: PartRequests
 

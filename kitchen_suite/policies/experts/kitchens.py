@@ -102,7 +102,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 class Target(NamedTuple):
     """A part, by its index in the design, and whether it is to be open, on, or moved."""
 
-    index: int
+    place: int
     opens: bool
 
 
@@ -291,7 +291,7 @@ class _Kitchen:
                 if (planned.knots < POSITION_LOW[ARM]).any() or (planned.knots > POSITION_HIGH[ARM]).any():
                     continue
                 _, touches = self.path(HOME[ARM], planned.knots[0], target, opening)
-                touches += self._touches(list(planned.knots), target, opening, ~self._touchable[target.index])
+                touches += self._touches(list(planned.knots), target, opening, ~self._touchable[target.place])
                 touches += self._touches([planned.knots[-1]] * 2, target, float(target.opens), self._all & ~self._hand)
                 found.append((touches, motion))
                 if sum(count == 0 for count, _ in found) == _ALTERNATIVES or len(found) == _TRIED:
@@ -330,8 +330,8 @@ class _Kitchen:
         """
         model, data = self._physics.model.ptr, self._data
         data.qpos[:] = model.qpos0
-        if self.parts[target.index].joint is not None:
-            data.qpos[self._columns[target.index]] = self.slots.opened[target.index] * opening
+        if self.parts[target.place].joint is not None:
+            data.qpos[self._columns[target.place]] = self.slots.opened[target.place] * opening
         touches = 0
         for start, end in itertools.pairwise(knots):
             count = max(1, int(np.ceil(np.abs(end - start).max() / _CHECKED)))
@@ -347,12 +347,12 @@ class _Kitchen:
         return touches
 
     def _candidates(self, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
-        part = self.parts[target.index]
+        part = self.parts[target.place]
         if part.twin is not None:
             yield from self._twins(part, target, opening, turns_hand)
             if part.kind != "door":
                 return
-        position, axis = self.slots.opened[target.index] * opening, self.slots.axis[target.index]
+        position, axis = self.slots.opened[target.place] * opening, self.slots.axis[target.place]
         pairs = list(itertools.product((_tuck(_TUCKS[0]), *_SEEDS), self._skills(part, target, float(position))))
         # After the usual ones, those that differ from them in all respects.
         others = np.random.default_rng(0).permutation(np.arange(_USUAL, len(pairs)))
@@ -360,13 +360,13 @@ class _Kitchen:
             if not turns_hand:
                 skill = skill.with_orientation(AT_RESET)
             moved = np.array([position]) if isinstance(skill.object_joint, Revolute) else axis * position
-            yield Motion.of(skill, mink.SE3.identity(), moved, _aimed(seed, self.slots.position[target.index]))
+            yield Motion.of(skill, mink.SE3.identity(), moved, _aimed(seed, self.slots.position[target.place]))
 
     def _twins(self, part: Part, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
         """Yields the skill of the kitchen's task for a part like it, moved to where the part is."""
         assert part.twin is not None
         reverses = {task: reverse for reverse, task in REVERSES.items()}
-        task, k = part.twin if target.opens else reverses[part.twin], target.index
+        task, k = part.twin if target.opens else reverses[part.twin], target.place
         skill, handle = SKILLS[task], _default_handles()[part.twin]
         into = self.slots.into[k]
         yaw = np.arctan2(-into[0], into[1]) - (_MICROWAVE_YAW if part.twin == "microwave" else 0.0)
@@ -404,7 +404,7 @@ class _Kitchen:
 
     def _skills(self, part: Part, target: Target, position: float) -> Iterator[Skill]:
         """Yields skills for a part whose joint is at a position [rad, m], in the world with the part closed."""
-        k, opened = target.index, part.opened
+        k, opened = target.place, part.opened
         handle = _Handle(
             *(each[k] for each in (self.slots.position, self.slots.into, self.slots.axis, self.slots.anchor))
         )
