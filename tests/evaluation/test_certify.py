@@ -24,6 +24,7 @@ def certified(tmp_path_factory):
     return path
 
 
+@pytest.mark.thorough
 def test_a_kitchen_is_certified_and_the_certificate_holds(certified, capsys):
     certificate = certificates.read(certified)[DESIGN]
     task = suite.load("kitchens", "any", {"design": DESIGN, "visuals": False}).task
@@ -35,6 +36,7 @@ def test_a_kitchen_is_certified_and_the_certificate_holds(certified, capsys):
     assert "1 of 1 certificates hold" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_what_is_there_is_kept_and_what_was_cut_off_is_certified_again(certified, tmp_path):
     line = certified.read_bytes()
     path = tmp_path / "cut.jsonl"
@@ -44,6 +46,7 @@ def test_what_is_there_is_kept_and_what_was_cut_off_is_certified_again(certified
     assert path.read_bytes() == line.replace(b'"design":0', b'"design":7') + line
 
 
+@pytest.mark.thorough
 def test_an_altered_certificate_does_not_hold(certified, tmp_path, capsys):
     found = certificates.read(certified)[DESIGN]
     altered = {**found.steps, next(iter(found.steps)): None}

@@ -104,6 +104,7 @@ def test_every_row_of_sixteen_designs_is_the_single_environment_of_its_design_an
     play(env.unwrapped, singles, mode, 16, resets=lambda ended: ended | (random.random(20) < 0.1))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_every_row_is_the_single_environment_with_all_that_an_episode_may_hold(mode):
     settings = {**EVERYTHING, "max_episode_steps": LIMIT}
@@ -131,6 +132,7 @@ def test_a_reset_asks_each_kitchen_for_tasks_of_its_own():
     assert env.instruction == tuple(single.instruction for single in singles)
 
 
+@pytest.mark.thorough
 def test_where_a_simulation_diverges_only_its_own_episode_ends():
     env, twin = many(), many()
     env.reset(seed=SEED)
