@@ -1,5 +1,6 @@
 """The task of the kitchen domain: bring the objects of some tasks to their goals."""
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -379,7 +380,7 @@ def _request_readers(mdp: KitchenMDP, pictures: Pictures, state: Callable[[], An
     if mdp.task_draw is not None:
         readers[REQUESTED] = lambda: mdp.current_mask(state()).astype(np.float64)
     for place, picture in enumerate(pictures.colour if mdp.goal_states else ()):
-        readers[f"{GOAL_PIXELS}/{picture.camera}"] = lambda place=place: state().goal_pictures[place]
+        readers[f"{GOAL_PIXELS}/{picture.camera}"] = functools.partial(lambda i: state().goal_pictures[i], place)
     return readers
 
 
