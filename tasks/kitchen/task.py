@@ -380,13 +380,8 @@ def _request_readers(mdp: KitchenMDP, pictures: Pictures, state: Callable[[], An
     if mdp.task_draw is not None:
         readers[REQUESTED] = lambda: mdp.current_mask(state()).astype(np.float64)
     for place, picture in enumerate(pictures.colour if mdp.goal_states else ()):
-        readers[f"{GOAL_PIXELS}/{picture.camera}"] = functools.partial(_goal_picture, state, place)
+        readers[f"{GOAL_PIXELS}/{picture.camera}"] = functools.partial(lambda i: state().goal_pictures[i], place)
     return readers
-
-
-def _goal_picture(state: Callable[[], Any], place: int) -> NDArray:
-    picture: NDArray = state().goal_pictures[place]
-    return picture
 
 
 def _policy_names(mdp: KitchenMDP, reward: str, *, sees: bool) -> tuple[str, ...]:
