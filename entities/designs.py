@@ -157,11 +157,11 @@ class KitchenDesign:
         if isinstance(design, KitchenDesign):
             return design
         if isinstance(design, Mapping):
-            return _parsed(cls, design)
+            return _parsed(design)
         if isinstance(design, str | os.PathLike):
             if isinstance(design, str) and design.isdecimal():
                 return cls.drawn(int(design), split)
-            return _parsed(cls, _read(Path(design)))
+            return _parsed(_read(Path(design)))
         return cls.drawn(checks.integer(design, "design", minimum=0), split)
 
     @classmethod
@@ -249,10 +249,10 @@ def _read(path: Path) -> Any:
         raise ValueError(checks.shortened(problem, 500)) from None
 
 
-def _parsed(cls: type[KitchenDesign], value: object) -> KitchenDesign:
+def _parsed(value: object) -> KitchenDesign:
     """Returns the checked design of a JSON object."""
     fields = _object(value, "design", ("counter_height", "style", "rows"), ("kettle",))
-    design = cls(
+    design = KitchenDesign(
         counter_height=_allowed(fields["counter_height"], "counter_height", _COUNTER_HEIGHT),
         style=checks.choice(fields["style"], STYLES, "style"),
         rows=tuple(_parsed_row(row, path) for row, path in _items(fields["rows"], "rows")),

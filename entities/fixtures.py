@@ -120,7 +120,7 @@ class Part:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Extent:
-    """A box in a fixture's frame: what the fixture takes up when it is closed, without handles [m].
+    """A box in a fixture's frame: what the fixture takes up when it is closed, with its handles [m].
 
     Attributes:
       low: least x, y and z.
@@ -138,7 +138,7 @@ class Extent:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FixtureDesign:
-    """What a fixture of a kitchen is like; an option that its kind does not have is None.
+    """Kind, sizes and options of a fixture; options that its kind does not have are None.
 
     Attributes:
       kind: key of `KINDS`.

@@ -15,8 +15,7 @@ import numpy as np
 from kitchen_suite import checks, lazy
 from kitchen_suite.domains.base import GENERIC_ENV, GENERIC_VECTOR_ENV, Domain
 from kitchen_suite.domains.cabinets import MICROWAVE_TABLE, OPEN_CABINET
-from kitchen_suite.domains.kitchen import KITCHEN
-from kitchen_suite.domains.kitchens import KITCHENS
+from kitchen_suite.domains.kitchen import KITCHEN, KITCHENS
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment

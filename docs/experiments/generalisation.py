@@ -2,7 +2,7 @@
 
 python docs/experiments/generalisation.py FOLDER        networks trained in 1, 10 and 100 kitchens, and their scores
 python docs/experiments/generalisation.py FOLDER 10     some of them: the number of kitchens
-python docs/experiments/generalisation.py FOLDER curve  the picture of docs/guide/kitchens.md
+python docs/experiments/generalisation.py FOLDER curve  the picture of the curve
 
 All networks learn from the same number of demonstrations of the scripted expert, in the first kitchens of the split
 `train`, by the same number of optimiser's steps. They are evaluated in the first kitchens of the split `test`, on parts
@@ -33,8 +33,8 @@ COUNTS = (1, 10, 100)
 # Successful demonstrations of every training; optimiser's steps; test kitchens, and episodes in each.
 DEMONSTRATIONS, STEPS, TEST_KITCHENS, EPISODES = 1_000, 20_000, 100, 4
 
-# What is learned, and with which actions: those of the hand are the same wherever a handle is.
-TASK, MODE = "open", "ee_delta_pose"
+# What is learned.
+TASK = "open"
 
 # Seed of the training, and the first one of the test episodes.
 SEED, FIRST_SEED = 1, 400_000_000
@@ -42,7 +42,7 @@ SEED, FIRST_SEED = 1, 400_000_000
 
 def arguments(design: int, split: str = "train") -> dict[str, Any]:
     """Returns the arguments of environments of a kitchen."""
-    return {"design": design, "split": split, "certified": True, "control_mode": MODE}
+    return {"design": design, "split": split, "certified": True}
 
 
 def flags(design: int) -> list[str]:

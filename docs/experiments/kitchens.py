@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from tqdm import tqdm, trange
 
-from kitchen_suite.domains.kitchens import KITCHENS
+from kitchen_suite.domains.kitchen import KITCHENS
 from kitchen_suite.entities.designs import SPLITS, KitchenDesign, build_generated_kitchen
 from kitchen_suite.evaluation.certify_job import certify
 from kitchen_suite.evaluation.results import wilson
 from kitchen_suite.tasks.kitchens.certificates import certificate_of
 from kitchen_suite.tasks.kitchens.mdp import Slots
 from kitchen_suite.vector_env.base import processors
-from kitchen_suite.vector_env.kitchens import KitchensVectorEnv
+from kitchen_suite.vector_env.cabinets import KitchensVectorEnv
 
 RESULTS = Path(__file__).parent / "results"
 FIRST_SEED = 60_000

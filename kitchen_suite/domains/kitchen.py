@@ -1,9 +1,9 @@
-"""The domain `kitchen`: the tasks of FrankaKitchen-v1, alone and in sets."""
+"""The domains `kitchen`, of the tasks of FrankaKitchen-v1, and `kitchens`, of tasks by kind in generated kitchens."""
 
 from types import MappingProxyType
 
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.names import DEFAULT_TASKS, FURTHER_TASKS, TASK_SETS
+from kitchen_suite.names import DEFAULT_TASKS, FAST, FURTHER_TASKS, TASK_SETS
 
 _GOALS = {
     **{name.replace(" ", "_"): (name,) for name in DEFAULT_TASKS},
@@ -36,4 +36,28 @@ KITCHEN = Domain(
     expert="kitchen_suite.policies.experts.kitchen:KitchenExpert",
     undirected="kitchen_suite.policies.experts.undirected:UndirectedExpert",
     benchmark="kitchen_suite.benchmarks.kitchen:KITCHEN",
+)
+
+
+_VERBS = ("open", "close", "turn_on", "turn_off", "move_kettle")
+
+_TASKS = {
+    **{verb: MappingProxyType({"verbs": (verb,)}) for verb in _VERBS},
+    "any": MappingProxyType({"verbs": _VERBS}),
+    # Several parts in an episode, in an order that is drawn.
+    "any_2": MappingProxyType({"verbs": _VERBS, "tasks_per_episode": 2}),
+    "any_4": MappingProxyType({"verbs": _VERBS, "tasks_per_episode": 4}),
+}
+
+KITCHENS = Domain(
+    "kitchens",
+    scene="kitchen_suite.entities:build_generated_kitchen",
+    task="kitchen_suite.tasks:KitchensTask",
+    tasks=MappingProxyType(_TASKS),
+    env_id="KitchenSuite/Kitchens-v1",
+    episode_steps=280,
+    physics=FAST,
+    env="kitchen_suite.gymnasium_env.cabinets:KitchensEnv",
+    vector_env="kitchen_suite.vector_env.cabinets:KitchensVectorEnv",
+    expert="kitchen_suite.policies.experts.kitchens:PartExpert",
 )

@@ -67,6 +67,9 @@ class CertifyJob:
             raise ValueError("there is no cache folder: name a file with --output")
         self._path, self._numbers = path, settings.numbers
         self._present = certificates.read(path) if path.exists() else {}
+        for number in self._numbers:
+            if number in self._present:
+                certificates.check_design(self._present[number], KitchenDesign.drawn(number, settings.split))
 
     def progress(self) -> str:
         return f"after {self._done} kitchens"

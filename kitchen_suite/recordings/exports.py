@@ -124,7 +124,7 @@ class ExportPlan(DatasetPlan):
 
     @property
     def _taken(self) -> str:
-        """What is where the dataset is to be; empty if nothing is."""
+        """Message that a file of the dataset exists already; empty if none does."""
         found = next((path for path in (self.path, *self.further) if path.exists()), None)
         return f"{found} exists, and is not of this dataset: name another one" if found else ""
 

@@ -31,8 +31,8 @@ _MAX_SEED = 2**63 - 1
 # Number of episodes in memory at the same time.
 _CHUNK = 20
 
-# Minari's file of all episodes. A dataset without episodes takes at most so many bytes, and each array beside its
-# elements.
+# Minari's file of all episodes. Greatest sizes of a dataset without episodes, and of an array beside its elements
+# [bytes].
 _DATA_FILE = "main_data.hdf5"
 _EMPTY_BYTES, _ARRAY_BYTES = 2**16, 2**13
 

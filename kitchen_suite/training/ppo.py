@@ -103,7 +103,7 @@ class RunningScaler(torch.nn.Module):
         self.current_count.copy_(total)
 
     def freeze(self) -> None:
-        """Keeps the statistics as they are, whatever is added later: it is as if so many vectors had been seen."""
+        """Fixes the statistics: vectors that are added later change them by nearly nothing."""
         self.current_count.fill_(1e15)
 
     @property

@@ -19,7 +19,7 @@ _SHIPPED = Path(__file__).parent / "certificates"
 
 
 class Certificate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What was found of a kitchen.
+    """Measurements of a kitchen, and the tasks that the expert completed in it.
 
     Attributes:
       design: its number in the split.
@@ -86,6 +86,13 @@ def certificate_of(design: KitchenDesign) -> Certificate:
     if found is None:
         command = f"kitchen-certify --split={split} --designs={number}:{int(number) + 1}"
         raise ValueError(f"kitchen {design.name} has no certificate: {command} makes one")
-    if found.digest != design_digest(design):
-        raise ValueError(f"the certificate of kitchen {design.name} is of another design: certify it again")
+    check_design(found, design)
     return found
+
+
+def check_design(certificate: Certificate, design: KitchenDesign) -> None:
+    """Raises a ValueError unless a certificate is of a design."""
+    if certificate.digest != design_digest(design):
+        raise ValueError(
+            f"the certificate of kitchen {design.name} is of another design: certify it again, to a new file"
+        )

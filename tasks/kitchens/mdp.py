@@ -163,7 +163,7 @@ def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.flo
 
 
 class SlotReading(NamedTuple):
-    """What is read of a kitchen after a control step.
+    """Values that are read from the physics of a kitchen after a control step.
 
     Attributes:
       positions: `(..., 9)`, of the robot's joints [rad, m].

@@ -57,6 +57,15 @@ def test_an_altered_certificate_does_not_hold(certified, tmp_path, capsys):
     assert f"kitchen train/{DESIGN} has another certificate now" in capsys.readouterr().out
 
 
+def test_certificates_of_other_designs_are_not_completed(tmp_path, capsys):
+    stale = certificates.Certificate(design=0, digest="0" * 16, physics="fast", depth_mm=0.0, reached={}, steps={})
+    path = tmp_path / "stale.jsonl"
+    path.write_bytes(msgspec.json.encode(stale) + b"\n")
+    assert certify.main([f"--output={path}", "--designs=0:2", "--num_workers=1"]) in (1, 2)
+    assert "train/0 is of another design" in capsys.readouterr().err
+    assert certificates.read(path) == {0: stale}
+
+
 @pytest.mark.parametrize("designs", ["3", "5:5", "7:2", "a:b", "-1:3", "0:1:2"])
 def test_numbers_of_kitchens_that_are_no_range_are_refused(designs, tmp_path, capsys):
     assert certify.main([f"--output={tmp_path / 'a.jsonl'}", f"--designs={designs}"]) == 2

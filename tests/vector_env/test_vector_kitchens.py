@@ -9,8 +9,8 @@ from helpers.vectors import batch
 from mujoco.batch import Batch
 
 from kitchen_suite.gymnasium_env.cabinets import FrankaOpenCabinetEnv, KitchensEnv
+from kitchen_suite.vector_env.cabinets import KitchensVectorEnv
 from kitchen_suite.vector_env.episodes import BatchEpisodes
-from kitchen_suite.vector_env.kitchens import KitchensVectorEnv
 
 VERBS = ("open", "close", "turn_on", "turn_off", "move_kettle")
 # Two environments of the first design, which share a batch with the fifth.
