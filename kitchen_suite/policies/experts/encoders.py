@@ -75,6 +75,7 @@ class ActionEncoder(abc.ABC):
 
     Attributes:
       turns_hand: whether actions can turn the hand; otherwise it keeps its orientation at the reset.
+      sets_posture: whether actions set the positions of all joints; otherwise the mode keeps near those at the reset.
       limits: speeds that the mode can follow.
       low, high: bounds of the action's elements.
       arm_size: number of the action's leading elements that move the arm; the others move the fingers.
@@ -82,6 +83,7 @@ class ActionEncoder(abc.ABC):
     """
 
     turns_hand: ClassVar[bool] = True
+    sets_posture: ClassVar[bool] = True
 
     limits: JointSpeedLimits
     low: Array | float = -1.0
@@ -144,6 +146,8 @@ class _Pose(NamedTuple):
 
 class HandEncoder(ActionEncoder):
     """An encoder of a mode that commands the hand's pose; the mode chooses the posture of the arm."""
+
+    sets_posture = False
 
     def __init__(
         self, mode: Any, arm: ArmModel, *, linear_speed: float = _LINEAR_SPEED, angular_speed: float = _ANGULAR_SPEED

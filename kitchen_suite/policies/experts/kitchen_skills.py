@@ -327,8 +327,9 @@ _ORIENTATIONS = {
     "return kettle": HandOrientation(approach=direction(20, 0), spread=UP),
 }
 
-# Target angle of knobs, which are damped and lag behind the hand [rad].
-KNOB_ANGLE = -1.3
+# Target angle of knobs, which are damped and lag behind the hand; and where the hand cannot turn, whose fingers, side by
+# side, push a knob less far [rad].
+KNOB_ANGLE, FIXED_KNOB_ANGLE = -1.3, -1.8
 
 SKILLS: Mapping[str, Skill] = MappingProxyType(_skills(_ORIENTATIONS, knob_angle=KNOB_ANGLE))
 """Skills of all tasks."""
@@ -356,10 +357,10 @@ AT_RESET = HandOrientation(approach=(0.0735, 0.9960, 0.0517), spread=(0.9967, -0
 FIXED_SKILLS: Mapping[str, Skill] = MappingProxyType(
     {
         task: skill.with_orientation(AT_RESET) if task in DEFAULT_TASKS else skill
-        for task, skill in _skills(dict.fromkeys(_ORIENTATIONS, AT_RESET), knob_angle=-1.8).items()
+        for task, skill in _skills(dict.fromkeys(_ORIENTATIONS, AT_RESET), knob_angle=FIXED_KNOB_ANGLE).items()
     }
 )
-"""Skills in which the hand keeps its orientation at a reset; its fingers, side by side, push a knob less far.
+"""Skills in which the hand keeps its orientation at a reset.
 
 Where a door is swung shut, the hand begins in that orientation.
 """

@@ -19,10 +19,10 @@ from kitchen_suite.entities.props import Prop
 from kitchen_suite.names import REVERSES
 from kitchen_suite.policies.experts import kitchen_skills, skills, trajectories
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
-from kitchen_suite.policies.experts.encoders import make_encoder
+from kitchen_suite.policies.experts.encoders import ActionEncoder, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
-from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, BACK, DOWN, KNOB_ANGLE, SKILLS, direction
+from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, BACK, DOWN, FIXED_KNOB_ANGLE, FIXED_SKILLS, KNOB_ANGLE, SKILLS, direction
 from kitchen_suite.policies.experts.skills import ArcMove, Array, HandOrientation, Move, Prismatic, Revolute, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory
 from kitchen_suite.tasks.control_modes.modes import make_mode
@@ -76,6 +76,11 @@ _SEEDS = (
     (-1.32, 1.23, 2.43, -1.89, -1.29, -0.27, 0.77),
     (1.87, 1.02, -2.15, -2.41, 1.16, 0.47, -2.34),
 )
+
+Seeds = tuple[tuple[float, ...], ...]
+
+# Number of seeds that are near the posture at the reset.
+_LIKE_RESET = 2
 
 # Distance to the right of a knob's centre and above it at which the finger tips push its bar [m], and how far beyond
 # its end they turn it [rad].
@@ -172,12 +177,12 @@ class PartExpert(Expert):
             return trajectory
         self._present = target = min(pending, key=lambda each: self._failures.get(each, 0))
         opening = float(openings[self._targets.index(target)])
-        motions = self._kitchen.motions(target, round(opening, 1), self.encoder.turns_hand, self._limits)
+        motions = self._kitchen.motions(target, round(opening, 1), self.encoder)
         motion = motions[self._failures.get(target, 0) % len(motions)]
         self._skill = motion.skill
         count = sum(isinstance(move, Move) and move.in_free_space for move in motion.skill.moves)
         planned = motion.planned(self._kinematics, self._limits, self._draw_offsets(count))
-        path, _ = self._kitchen.path(trajectory.knots[-1], planned.knots[0], target, opening)
+        path, _ = self._kitchen.path(trajectory.knots[-1], planned.knots[0], target, opening, self.encoder.turns_hand)
         for joints in path:
             trajectory = trajectory.then(JointTrajectory.stationary(joints, skills.OPEN), self._limits)
         return trajectory.then(planned, self._limits)
@@ -196,9 +201,14 @@ def _tuck(place: Vector) -> tuple[float, ...]:
     return tuple(kinematics.inverse(pose, start=HOME[ARM]).tolist())
 
 
-def _tucked(joints: Array, place: Vector) -> Array:
+def _tucked(joints: Array, place: Vector, turns_hand: bool) -> Array:
     """Joint positions `(7,)` with the hand near the robot, in the direction in which it is at others `(7,)` [rad]."""
-    return np.array(_aimed(_tuck(place), arm_model().kinematics.forward(joints).translation()))
+    kinematics = arm_model().kinematics
+    aimed = np.array(_aimed(_tuck(place), kinematics.forward(joints).translation()))
+    if turns_hand:
+        return aimed
+    there = kinematics.forward(aimed).translation()
+    return kinematics.inverse(mink.SE3.from_rotation_and_translation(AT_RESET.rotation, there), start=HOME[ARM])
 
 
 class Motion(NamedTuple):
@@ -215,6 +225,13 @@ class Motion(NamedTuple):
         assert isinstance(first, Move), "skills begin in free space"
         rested = dataclasses.replace(first, settle_steps=_REST_STEPS)
         return cls(dataclasses.replace(skill, moves=(rested, *others), ik_seed=seed), frame, position)
+
+    def with_hand(self, rotation: mink.SO3) -> Self:
+        """Returns this motion with the hand's orientation in the world the same in all moves."""
+        joint, frame = self.skill.object_joint, self.frame
+        moved = frame @ joint.displacement(self.position) if joint else frame
+        orientation = HandOrientation.from_rotation(moved.rotation().inverse() @ rotation)
+        return self._replace(skill=self.skill.with_orientation(orientation))
 
     def planned(
         self, kinematics: ArmKinematics, limits: JointSpeedLimits, offsets: Array | tuple[()] = ()
@@ -271,15 +288,16 @@ class _Kitchen:
         apart[(self.slots.kind != row[SLOT_PARTS["kind"]]).any(axis=-1)] = np.inf
         return Target(int(apart.argmin()), bool(row[SLOT_PARTS["goal"]][0] > 0.5))
 
-    def motions(self, target: Target, opening: float, turns_hand: bool, limits: JointSpeedLimits) -> list[Motion]:
+    def motions(self, target: Target, opening: float, encoder: ActionEncoder) -> list[Motion]:
         """Returns motions for a part at an opening that the arm can follow, at most three; the best one if none is.
 
         Those come first on which the robot touches the least, but for the part.
         """
+        turns_hand, limits = encoder.turns_hand, encoder.limits
         key = target, opening, turns_hand, limits
         if key not in self._motions:
             kinematics, best, found = arm_model().kinematics, None, []
-            for motion in self._candidates(target, opening, turns_hand):
+            for motion in self._candidates(target, opening, encoder):
                 if best is not None and not motion.is_near(kinematics):
                     continue
                 planned = motion.planned(kinematics, limits)
@@ -290,7 +308,7 @@ class _Kitchen:
                     continue
                 if (planned.knots < POSITION_LOW[ARM]).any() or (planned.knots > POSITION_HIGH[ARM]).any():
                     continue
-                _, touches = self.path(HOME[ARM], planned.knots[0], target, opening)
+                _, touches = self.path(HOME[ARM], planned.knots[0], target, opening, turns_hand)
                 touches += self._touches(list(planned.knots), target, opening, ~self._touchable[target.place])
                 touches += self._touches([planned.knots[-1]] * 2, target, float(target.opens), self._all & ~self._hand)
                 found.append((touches, motion))
@@ -301,19 +319,21 @@ class _Kitchen:
             self._motions[key] = ordered[:_ALTERNATIVES] or [best[1]]
         return self._motions[key]
 
-    def reaches(self, target: Target, limits: JointSpeedLimits) -> bool:
+    def reaches(self, target: Target, encoder: ActionEncoder) -> bool:
         """Whether the arm can follow a motion for a part from its start."""
-        motion = self.motions(target, 0.0 if target.opens else 1.0, True, limits)[0]
-        return motion.planned(arm_model().kinematics, limits).position_error <= OUT_OF_REACH
+        motion = self.motions(target, 0.0 if target.opens else 1.0, encoder)[0]
+        return motion.planned(arm_model().kinematics, encoder.limits).position_error <= OUT_OF_REACH
 
-    def path(self, start: Array, end: Array, target: Target, opening: float) -> tuple[list[Array], int]:
+    def path(
+        self, start: Array, end: Array, target: Target, opening: float, turns_hand: bool
+    ) -> tuple[list[Array], int]:
         """Returns joint positions on the way from one `(7,)` to another on which the robot touches the least.
 
         Also returns at how many joint positions it touches something. The way goes by places near the robot, if it can.
         """
         best: tuple[list[Array], int] | None = None
         for tuck in _TUCKS:
-            near = [_tucked(start, tuck), _tucked(end, tuck)]
+            near = [_tucked(joints, tuck, turns_hand) for joints in (start, end)]
             for path in (near, near[:1], near[1:], []):
                 touches = self._touches([start, *path, end], target, opening, self._all)
                 if best is None or touches < best[1]:
@@ -346,30 +366,39 @@ class _Kitchen:
                 touches += bool((of_robot & near & among[pairs].all(axis=1)).any())
         return touches
 
-    def _candidates(self, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
-        part = self.parts[target.place]
-        if part.twin is not None:
-            yield from self._twins(part, target, opening, turns_hand)
+    def _candidates(self, target: Target, opening: float, encoder: ActionEncoder) -> Iterator[Motion]:
+        """Yields motions to be tried; the hand keeps its orientation at the reset where the mode cannot turn it."""
+        seeds = (_tuck(_TUCKS[0]), *_SEEDS[: None if encoder.sets_posture else _LIKE_RESET])
+        motions = self._all_motions(self.parts[target.place], target, opening, seeds, encoder.turns_hand)
+        return motions if encoder.turns_hand else (motion.with_hand(AT_RESET.rotation) for motion in motions)
+
+    def _all_motions(
+        self, part: Part, target: Target, opening: float, seeds: Seeds, turns_hand: bool
+    ) -> Iterator[Motion]:
+        # A hand that cannot turn pushes knobs of stoves as it does those of the oven.
+        twin = part.twin if turns_hand or part.kind != "knob" else "top burner"
+        if twin is not None:
+            yield from self._twins(twin, part, target, opening, seeds, turns_hand)
             if part.kind != "door":
                 return
         position, axis = self.slots.opened[target.place] * opening, self.slots.axis[target.place]
-        pairs = list(itertools.product((_tuck(_TUCKS[0]), *_SEEDS), self._skills(part, target, float(position))))
+        pairs = list(itertools.product(seeds, self._skills(part, target, float(position), turns_hand)))
         # After the usual ones, those that differ from them in all respects.
-        others = np.random.default_rng(0).permutation(np.arange(_USUAL, len(pairs)))
-        for seed, skill in (pairs[i] for i in (*range(_USUAL), *others)):
-            if not turns_hand:
-                skill = skill.with_orientation(AT_RESET)
+        usual = min(_USUAL, len(pairs))
+        others = np.random.default_rng(0).permutation(np.arange(usual, len(pairs)))
+        for seed, skill in (pairs[i] for i in (*range(usual), *others)):
             moved = np.array([position]) if isinstance(skill.object_joint, Revolute) else axis * position
             yield Motion.of(skill, mink.SE3.identity(), moved, _aimed(seed, self.slots.position[target.place]))
 
-    def _twins(self, part: Part, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
+    def _twins(
+        self, twin: str, part: Part, target: Target, opening: float, seeds: Seeds, turns_hand: bool
+    ) -> Iterator[Motion]:
         """Yields the skill of the kitchen's task for a part like it, moved to where the part is."""
-        assert part.twin is not None
         reverses = {task: reverse for reverse, task in REVERSES.items()}
-        task, k = part.twin if target.opens else reverses[part.twin], target.place
-        skill, handle = SKILLS[task], _default_handles()[part.twin]
+        task, k = twin if target.opens else reverses[twin], target.place
+        skill, handle = (SKILLS if turns_hand else FIXED_SKILLS)[task], _default_handles()[twin]
         into = self.slots.into[k]
-        yaw = np.arctan2(-into[0], into[1]) - (_MICROWAVE_YAW if part.twin == "microwave" else 0.0)
+        yaw = np.arctan2(-into[0], into[1]) - (_MICROWAVE_YAW if twin == "microwave" else 0.0)
         turn = mink.SO3.from_z_radians(float(yaw))
         frame = mink.SE3.from_rotation_and_translation(turn, self.slots.position[k] - turn.apply(handle))
         position = np.array([self.slots.opened[k] * opening])
@@ -380,12 +409,10 @@ class _Kitchen:
             assert isinstance(last, Move)
             further = dataclasses.replace(last, position=_vector(np.add(last.position, (0.0, _KETTLE_FURTHER, 0.0))))
             skill = dataclasses.replace(skill, moves=(*moves, further))
-        if not turns_hand:
-            skill = skill.with_orientation(AT_RESET)
         if part.kind == "knob":
-            x, _, height = handle
-            seeds = (*_SEEDS[:1], _tuck(_TUCKS[0]), *_SEEDS[1:])
-            for seed, yaw, pitch in itertools.product(seeds, _KNOB_YAWS, _KNOB_PITCHES):
+            (x, _, height), (tuck, first, *others) = handle, seeds
+            angles = itertools.product(_KNOB_YAWS, _KNOB_PITCHES) if turns_hand else [(0.0, 0.0)]
+            for seed, (yaw, pitch) in itertools.product((first, tuck, *others), angles):
                 hand, mirrored = AT_RESET, AT_RESET
                 if turns_hand:
                     hand, mirrored = (
@@ -393,7 +420,8 @@ class _Kitchen:
                     )
                 aimed = _aimed(seed, self.slots.position[k])
                 if target.opens:
-                    yield Motion.of(kitchen_skills.turn_knob(x, height, hand, KNOB_ANGLE), frame, position, aimed)
+                    angle = KNOB_ANGLE if turns_hand else FIXED_KNOB_ANGLE
+                    yield Motion.of(kitchen_skills.turn_knob(x, height, hand, angle), frame, position, aimed)
                     continue
                 # Around the lower end from the left, or against the upper end from the right.
                 yield Motion.of(kitchen_skills.turn_knob_back(x, height, hand), frame, position, aimed)
@@ -402,7 +430,7 @@ class _Kitchen:
         for angle in _TURNS if turns_hand else (0.0,):
             yield Motion.of(skill.turned(angle) if angle else skill, frame, position, skill.ik_seed)
 
-    def _skills(self, part: Part, target: Target, position: float) -> Iterator[Skill]:
+    def _skills(self, part: Part, target: Target, position: float, turns_hand: bool) -> Iterator[Skill]:
         """Yields skills for a part whose joint is at a position [rad, m], in the world with the part closed."""
         k, opened = target.place, part.opened
         handle = _Handle(
@@ -415,6 +443,8 @@ class _Kitchen:
             for sign in (1.0, -1.0):
                 upright = HandOrientation(approach=_vector(approach), spread=_vector(sign * _UP))
                 level = HandOrientation(approach=_vector(approach), spread=_vector(sign * about.apply(right)))
+                if not turns_hand:
+                    upright = level = AT_RESET
                 match part.kind, target.opens:
                     case "drawer", True:
                         yield handle.pull_drawer(upright, opened * _PULLED - position)
@@ -550,8 +580,8 @@ _kitchen = functools.lru_cache(maxsize=64)(_Kitchen)
 def reached_handles(design: KitchenDesign) -> dict[str, bool]:
     """Returns whether the arm reaches each handle of a kitchen, for some motion that opens it, by name of the part."""
     kitchen = _kitchen(design)
-    limits = make_encoder(make_mode("joint_velocity", CONTROL_MODES, {}), arm_model()).limits
-    return {name: kitchen.reaches(Target(k, True), limits) for k, name in enumerate(kitchen.names)}
+    encoder = make_encoder(make_mode("joint_velocity", CONTROL_MODES, {}), arm_model())
+    return {name: kitchen.reaches(Target(k, True), encoder) for k, name in enumerate(kitchen.names)}
 
 
 def _base() -> Array:
