@@ -79,9 +79,6 @@ _SEEDS = (
 
 Seeds = tuple[tuple[float, ...], ...]
 
-# Number of seeds that are near the posture at the reset.
-_LIKE_RESET = 2
-
 # Distance to the right of a knob's centre and above it at which the finger tips push its bar [m], and how far beyond
 # its end they turn it [rad].
 _LEVER, _BACK_BEYOND = 0.03, 0.4
@@ -228,10 +225,25 @@ class Motion(NamedTuple):
 
     def with_hand(self, rotation: mink.SO3) -> Self:
         """Returns this motion with the hand's orientation in the world the same in all moves."""
-        joint, frame = self.skill.object_joint, self.frame
-        moved = frame @ joint.displacement(self.position) if joint else frame
-        orientation = HandOrientation.from_rotation(moved.rotation().inverse() @ rotation)
+        orientation = HandOrientation.from_rotation(self.moved_frame.rotation().inverse() @ rotation)
         return self._replace(skill=self.skill.with_orientation(orientation))
+
+    def led(self, kinematics: ArmKinematics) -> Self:
+        """Returns this motion in the posture that the arm comes to if a mode leads the hand there from near the robot."""
+        end = self.moved_frame @ self.skill.moves[0].pose
+        joints = np.array(_aimed(_tuck(_TUCKS[0]), end.translation()))
+        start = kinematics.forward(joints)
+        for share in np.linspace(0.1, 1.0, 10):
+            place = start.translation() + share * (end.translation() - start.translation())
+            rotation = start.interpolate(end, alpha=share).rotation()
+            joints = kinematics.inverse(mink.SE3.from_rotation_and_translation(rotation, place), start=joints)
+        return self._replace(skill=dataclasses.replace(self.skill, ik_seed=tuple(joints.tolist())))
+
+    @property
+    def moved_frame(self) -> mink.SE3:
+        """Frame of the skill's poses in the world, which move with the object."""
+        joint = self.skill.object_joint
+        return self.frame @ joint.displacement(self.position) if joint else self.frame
 
     def planned(
         self, kinematics: ArmKinematics, limits: JointSpeedLimits, offsets: Array | tuple[()] = ()
@@ -243,8 +255,7 @@ class Motion(NamedTuple):
 
     def is_near(self, kinematics: ArmKinematics) -> bool:
         """Whether the arm reaches the first and the last place of the hand, which takes less time than a plan."""
-        joint, joints = self.skill.object_joint, np.array(self.skill.ik_seed)
-        frame = self.frame @ joint.displacement(self.position) if joint else self.frame
+        joints, frame = np.array(self.skill.ik_seed), self.moved_frame
         moves = [move for move in self.skill.moves if isinstance(move, Move)]
         for move in (moves[0], moves[-1]):
             pose = frame @ move.pose
@@ -300,6 +311,7 @@ class _Kitchen:
             for motion in self._candidates(target, opening, encoder):
                 if best is not None and not motion.is_near(kinematics):
                     continue
+                motion = motion if encoder.sets_posture else motion.led(kinematics)
                 planned = motion.planned(kinematics, limits)
                 badness = planned.position_error + 1.0 - planned.arc_share
                 if best is None or badness < best[0]:
@@ -368,7 +380,7 @@ class _Kitchen:
 
     def _candidates(self, target: Target, opening: float, encoder: ActionEncoder) -> Iterator[Motion]:
         """Yields motions to be tried; the hand keeps its orientation at the reset where the mode cannot turn it."""
-        seeds = (_tuck(_TUCKS[0]), *_SEEDS[: None if encoder.sets_posture else _LIKE_RESET])
+        seeds = (_tuck(_TUCKS[0]), *_SEEDS) if encoder.sets_posture else (_tuck(_TUCKS[0]),)
         motions = self._all_motions(self.parts[target.place], target, opening, seeds, encoder.turns_hand)
         return motions if encoder.turns_hand else (motion.with_hand(AT_RESET.rotation) for motion in motions)
 
@@ -410,9 +422,10 @@ class _Kitchen:
             further = dataclasses.replace(last, position=_vector(np.add(last.position, (0.0, _KETTLE_FURTHER, 0.0))))
             skill = dataclasses.replace(skill, moves=(*moves, further))
         if part.kind == "knob":
-            (x, _, height), (tuck, first, *others) = handle, seeds
+            x, _, height = handle
+            seeds = (*seeds[1:2], seeds[0], *seeds[2:])
             angles = itertools.product(_KNOB_YAWS, _KNOB_PITCHES) if turns_hand else [(0.0, 0.0)]
-            for seed, (yaw, pitch) in itertools.product((first, tuck, *others), angles):
+            for seed, (yaw, pitch) in itertools.product(seeds, angles):
                 hand, mirrored = AT_RESET, AT_RESET
                 if turns_hand:
                     hand, mirrored = (
@@ -437,10 +450,10 @@ class _Kitchen:
             *(each[k] for each in (self.slots.position, self.slots.into, self.slots.axis, self.slots.anchor))
         )
         right = np.cross(handle.into, _UP)
-        for pitch, yaw in itertools.product(_PITCHES, _YAWS):
+        for pitch, yaw in itertools.product(_PITCHES, _YAWS) if turns_hand else [(0.0, 0.0)]:
             about = mink.SO3.from_z_radians(yaw)
             approach = about.apply(handle.into * np.cos(pitch) + _UP * np.sin(pitch))
-            for sign in (1.0, -1.0):
+            for sign in (1.0, -1.0)[: 1 + turns_hand]:
                 upright = HandOrientation(approach=_vector(approach), spread=_vector(sign * _UP))
                 level = HandOrientation(approach=_vector(approach), spread=_vector(sign * about.apply(right)))
                 if not turns_hand:
