@@ -311,7 +311,7 @@ class _Kitchen:
             for motion in self._candidates(target, opening, encoder):
                 if best is not None and not motion.is_near(kinematics):
                     continue
-                motion = motion if encoder.sets_posture else motion.led(kinematics)
+                motion = motion if encoder.sets_posture or not turns_hand else motion.led(kinematics)
                 planned = motion.planned(kinematics, limits)
                 badness = planned.position_error + 1.0 - planned.arc_share
                 if best is None or badness < best[0]:
@@ -380,7 +380,7 @@ class _Kitchen:
 
     def _candidates(self, target: Target, opening: float, encoder: ActionEncoder) -> Iterator[Motion]:
         """Yields motions to be tried; the hand keeps its orientation at the reset where the mode cannot turn it."""
-        seeds = (_tuck(_TUCKS[0]), *_SEEDS) if encoder.sets_posture else (_tuck(_TUCKS[0]),)
+        seeds = (_tuck(_TUCKS[0]), *_SEEDS[: None if encoder.sets_posture else 1])
         motions = self._all_motions(self.parts[target.place], target, opening, seeds, encoder.turns_hand)
         return motions if encoder.turns_hand else (motion.with_hand(AT_RESET.rotation) for motion in motions)
 
