@@ -15,11 +15,13 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
+from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.fixtures import (
+    BAR_HALF_LENGTH,
     DARK,
     GAP,
     HANDLES,
@@ -35,7 +37,7 @@ from kitchen_suite.entities.fixtures import (
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.parameters import Parameter, door_parameters
 from kitchen_suite.entities.props import Kettle, Prop
-from kitchen_suite.entities.scenes import FLOOR, GeneratedKitchenArena, Scene, exclude_base_contacts
+from kitchen_suite.entities.scenes import FLOOR, GeneratedKitchenArena, Scene, exclude_base_contacts, robot_base
 
 SPLITS = ("train", "test")
 
@@ -54,6 +56,10 @@ _ROW = {"distance": (0.0, 1.0), "start": (-1.5, 1.5), "height": (1.4, 2.7)}
 
 # Least height of drawn drawers with their worktop, by their number [m].
 _DRAWERS_HEIGHT = {1: 0.18, 2: 0.28}
+
+# Of the arm, by the lengths of its links: height of the shoulder above the base, and distance from there to the finger
+# tips with all links in line [m].
+_SHOULDER, _REACH = 0.333, 1.0
 
 # Depth up to which fixtures may overlap, such as by rounding [m].
 _OVERLAP = 0.004
@@ -157,11 +163,11 @@ class KitchenDesign:
         if isinstance(design, KitchenDesign):
             return design
         if isinstance(design, Mapping):
-            return _parsed(design)
+            return _in_reach(_parsed(design))
         if isinstance(design, str | os.PathLike):
             if isinstance(design, str) and design.isdecimal():
                 return cls.drawn(int(design), split)
-            return _parsed(_read(Path(design)))
+            return _in_reach(_parsed(_read(Path(design))))
         return cls.drawn(checks.integer(design, "design", minimum=0), split)
 
     @classmethod
@@ -239,6 +245,30 @@ def _check_apart(one: Placed, other: Placed) -> None:
         raise ValueError(
             f"{other.path} ({other.design.kind}) overlaps {one.path} ({one.design.kind}) by {depths.min():.3f} m"
         )
+
+
+def _in_reach(design: KitchenDesign) -> KitchenDesign:
+    for placed in design.placed:
+        _check_reach(placed)
+    return design
+
+
+def _check_reach(placed: Placed) -> None:
+    """Raises a ValueError if the arm is too short for a handle of a fixture."""
+    kind = KINDS[placed.design.kind]
+    prop = kind.build(placed.design, next(iter(STYLES.values())), False, placed.name)
+    physics = mjcf.Physics.from_mjcf_model(prop.mjcf_model)
+    for part in kind.parts_of(prop):
+        site = physics.bind(prop.mjcf_model.find("site", part.handle))
+        handle = placed.in_world(np.add(kind.origin, site.xpos))
+        distance = np.linalg.norm(handle - robot_base() - (0.0, 0.0, _SHOULDER))
+        # An end of a bar may be nearer than its middle.
+        if distance > _REACH + BAR_HALF_LENGTH:
+            name, reach = part.joint or part.handle, _REACH + BAR_HALF_LENGTH
+            raise ValueError(
+                f"{placed.path} ({placed.design.kind}) has {name} out of reach: {distance:.2f} m from the robot's "
+                f"shoulder, at most {reach:.2f} m"
+            )
 
 
 def _read(path: Path) -> Any:

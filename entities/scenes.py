@@ -1,6 +1,7 @@
 """Scenes of an arena, a robot and props."""
 
 import dataclasses
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Self
@@ -269,6 +270,14 @@ class GeneratedKitchenArena(KitchenArena):
         pos, size = np.add(low, high) / 2, np.subtract(high, low) / 2
         shape = {"type": "box", "pos": pos, "size": size, "group": 1}
         self._mjcf_root.worldbody.add("geom", name=name, contype=0, conaffinity=0, mass=0, **shape, **attributes)
+
+
+@functools.cache
+def robot_base() -> NDArray[np.float64]:
+    """Position `(3,)` of the robot's base in the kitchens [m]."""
+    position: NDArray[np.float64] = assets.load_mjcf(KitchenArena.xml_name, visuals=False).find("body", "pedestal").pos
+    position.flags.writeable = False
+    return position
 
 
 def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:

@@ -3,12 +3,15 @@
 python docs/experiments/kitchens.py speed    vectors of 64 kitchens: 16 designs in one, and one design in each of 16
 python docs/experiments/kitchens.py designs  how different 1,000 designs of each split are, and how long they take
 python docs/experiments/kitchens.py expert   the expert with fresh noise, on the certified tasks of 200 test kitchens
+python docs/experiments/kitchens.py modes    the expert in every control mode, on three certified tasks of 20 test
+                                             kitchens; continues after the last mode that is in the file
 """
 
 import collections
 import concurrent.futures
 import contextlib
 import functools
+import itertools
 import json
 import multiprocessing
 import statistics
@@ -23,10 +26,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from tqdm import tqdm, trange
 
+from kitchen_suite import policies, suite
 from kitchen_suite.domains.kitchen import KITCHENS
 from kitchen_suite.entities.designs import SPLITS, KitchenDesign, build_generated_kitchen
 from kitchen_suite.evaluation.certify_job import certify
 from kitchen_suite.evaluation.results import wilson
+from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
 from kitchen_suite.tasks.kitchens.certificates import certificate_of
 from kitchen_suite.tasks.kitchens.mdp import Slots
 from kitchen_suite.vector_env.base import processors
@@ -41,6 +46,9 @@ THREADS = (1, 2)
 
 # Of `designs`: designs of each split, those that are compiled, and the size of cells of handle positions [m].
 COUNT, COMPILED, CELL = 1_000, 200, 0.1
+
+# Of `modes`: test kitchens, and tasks that are drawn in each.
+MODE_KITCHENS, MODE_TASKS = 20, 3
 
 # Of `expert`: test kitchens, and the seed of noise and start, which is 0 in certificates.
 KITCHENS_PLAYED, FRESH_SEED = 200, 1
@@ -150,6 +158,40 @@ def measure_expert() -> None:
     write("expert", [result])
 
 
+def play_in_mode(number: int, mode: str) -> list[tuple[str, bool]]:
+    """Returns the verbs of tasks that are drawn from the certified ones of a test kitchen, and whether each succeeded."""
+    design = KitchenDesign.drawn(number, "test")
+    arguments = {"design": design, "visuals": False, "random": FRESH_SEED, "control_mode": mode}
+    environment = suite.load("kitchens", "any", arguments)
+    act = policies.find("expert")(environment, np.random.default_rng(FRESH_SEED))
+    drawn = np.random.default_rng(number).permutation(certificate_of(design).certified)[:MODE_TASKS]
+    played = []
+    for name in drawn.tolist():
+        environment.random_state.seed(FRESH_SEED)
+        environment.task.requests.follow((name,))
+        timestep = environment.reset()
+        while not timestep.last():
+            timestep = environment.step(act(timestep))
+        played.append((name.partition(" ")[0], bool(environment.task.episode_metrics["success"])))
+    return played
+
+
+def measure_modes() -> None:
+    """Writes how often the expert succeeds in each control mode, on the same tasks, of all and by verb."""
+    path = RESULTS / "kitchens_modes.json"
+    results = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    for mode in [*CONTROL_MODES][len(results) :]:
+        with concurrent.futures.ProcessPoolExecutor(processors(), multiprocessing.get_context("spawn")) as pool:
+            played = pool.map(functools.partial(play_in_mode, mode=mode), range(MODE_KITCHENS))
+            done: dict[str, list[bool]] = {}
+            for verb, success in itertools.chain.from_iterable(tqdm(played, desc=mode, total=MODE_KITCHENS)):
+                done.setdefault(verb, []).append(success)
+        every = [success for each in done.values() for success in each]
+        verbs = {verb: [sum(each), len(each)] for verb, each in sorted(done.items())}
+        results.append({"mode": mode, "episodes": len(every), "successes": sum(every), **verbs})
+        write("modes", results)
+
+
 def write(name: str, rows: list[dict[str, Any]]) -> None:
     """Writes rows to `results/kitchens_<name>.json`, and prints them."""
     text = "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n"
@@ -157,7 +199,7 @@ def write(name: str, rows: list[dict[str, Any]]) -> None:
     print(text)
 
 
-MEASURES = {"speed": measure_speed, "designs": measure_designs, "expert": measure_expert}
+MEASURES = {"speed": measure_speed, "designs": measure_designs, "expert": measure_expert, "modes": measure_modes}
 
 if __name__ == "__main__":
     if len(sys.argv) != 2 or sys.argv[1] not in MEASURES:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.fixtures import PART_KINDS
+from kitchen_suite.entities.scenes import robot_base
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER
@@ -408,7 +409,7 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         slots = np.concatenate(
             [
                 state.slots.kind,
-                position - _BASE,
+                position - robot_base(),
                 position - hand[..., np.newaxis, :3],
                 state.handles[..., 3:],
                 (state.openings + noise[..., _OPENINGS])[..., np.newaxis],
@@ -423,7 +424,7 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         first = np.argsort(places, axis=-1, kind="stable")
         slots = np.take_along_axis(slots, first[..., np.newaxis], axis=-2)
         joints = np.concatenate([state.positions, state.velocities], axis=-1) + noise[..., _ROBOT]
-        parts = (joints, hand[..., :3] - _BASE, hand[..., _TWO_COLUMNS], slots.reshape(*slots.shape[:-2], -1))
+        parts = (joints, hand[..., :3] - robot_base(), hand[..., _TWO_COLUMNS], slots.reshape(*slots.shape[:-2], -1))
         return np.concatenate(parts, axis=-1, dtype=np.float32, casting="same_kind")
 
     def terminates(self, state: KitchensState) -> NDArray[np.bool_]:
@@ -451,9 +452,6 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
             infos |= {f"reward/{name}": np.array(term) for name, term in state.terms.items()}
         return infos
 
-
-# Position of the robot's base [m]; see `xml/kitchen_arena.xml`.
-_BASE = np.array([0.0, 0.0, 1.8])
 
 # The first two columns of a rotation matrix after a position.
 _TWO_COLUMNS = np.array([3, 6, 9, 4, 7, 10])

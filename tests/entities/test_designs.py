@@ -14,7 +14,9 @@ from helpers.errors import ODD_VALUES, assert_is_short, refused
 from kitchen_suite.entities import designs
 from kitchen_suite.entities.designs import SPLITS, KitchenDesign, build_generated_kitchen
 from kitchen_suite.entities.fixtures import CLEARANCE, HANDLES, KINDS, PANEL, STYLES, Fixture, FixtureDesign
+from kitchen_suite.entities.franka import Franka
 from kitchen_suite.names import FAST
+from kitchen_suite.policies.experts.kitchen_skills import TIP
 
 COUNT = 1_000
 MINE = {
@@ -69,7 +71,23 @@ def test_a_thousand_designs_of_each_split_can_be_built(drawn):
         for kitchen in kitchens:
             text = json.dumps(kitchen.to_json())
             # What is read from JSON has been checked.
-            assert KitchenDesign.make(json.loads(text), "train") == dataclasses.replace(kitchen, name="")
+            assert designs._parsed(json.loads(text)) == dataclasses.replace(kitchen, name="")
+
+
+def test_the_arm_is_as_long_as_its_links():
+    root = Franka(visuals=False).mjcf_model
+    link = {number: root.find("body", f"link{number}").pos for number in range(1, 8)}
+    upper, forearm = (np.linalg.norm(each) for each in (link[3] + link[4], link[5]))
+    hand = np.hypot(np.linalg.norm(link[7]), np.linalg.norm(root.find("site", "end_effector").pos))
+    assert np.linalg.norm(link[1] + link[2]) == pytest.approx(designs._SHOULDER)
+    assert upper + forearm + hand + TIP == pytest.approx(designs._REACH, abs=0.005)
+
+
+@pytest.mark.thorough
+def test_all_handles_of_drawn_kitchens_are_within_the_length_of_the_arm(drawn):
+    for kitchens in drawn.values():
+        for placed in (each for kitchen in kitchens for each in kitchen.placed):
+            designs._check_reach(placed)
 
 
 def test_splits_share_no_sequence_of_fixtures(drawn):
@@ -107,7 +125,7 @@ def test_a_file_has_a_design(tmp_path):
 
 
 OVEN = {"kind": "oven"}
-TOO_MANY = [{**MINE["rows"][0]["fixtures"][0], "width": 0.3, "height": 0.6, "count": 4}] * 5
+TOO_MANY = [{**MINE["rows"][0]["fixtures"][0], "width": 0.3, "height": 0.2, "count": 4}] * 5
 
 
 @pytest.mark.parametrize(
@@ -133,6 +151,7 @@ TOO_MANY = [{**MINE["rows"][0]["fixtures"][0], "width": 0.3, "height": 0.6, "cou
         ((*ROW, "distance"), -0.1, ValueError, "rows[0].distance must be between 0 and 1, got -0.1"),
         ((*ROW, "distance"), 1.1, ValueError, "rows[0].distance must be between 0 and 1, got 1.1"),
         ((*ROW, "distance"), 0.0, ValueError, "rows[0].fixtures[0] stands where the robot does"),
+        ((*ROW, "start"), 0.9, ValueError, "rows[0].fixtures[0] (drawers) has drawer_1 out of reach: 1."),
         ((*ROW, "start"), "left", TypeError, "rows[0].start must be a number, got 'left'"),
         ((*ROW, "start"), 10**400, ValueError, "rows[0].start must be between -1.5 and 1.5, got 1000"),
         ((*ROW, "start"), -1.6, ValueError, "rows[0].start must be between -1.5 and 1.5, got -1.6"),

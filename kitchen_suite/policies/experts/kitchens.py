@@ -16,6 +16,7 @@ from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.designs import KitchenDesign, build_generated_kitchen
 from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
 from kitchen_suite.entities.props import Prop
+from kitchen_suite.entities.scenes import robot_base
 from kitchen_suite.names import REVERSES
 from kitchen_suite.policies.experts import kitchen_skills, skills, trajectories
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
@@ -293,7 +294,7 @@ class _Kitchen:
         """Returns the part of a slot of an observation, and what is asked of it."""
         opening = row[SLOT_PARTS["opening"]][0]
         joints = self.slots.opened * opening
-        handle = row[SLOT_PARTS["position"]] + _base()
+        handle = row[SLOT_PARTS["position"]] + robot_base()
         positions, _, _ = self.slots.moved(joints, handle)
         apart = np.linalg.norm(positions - handle, axis=-1)
         apart[(self.slots.kind != row[SLOT_PARTS["kind"]]).any(axis=-1)] = np.inf
@@ -558,7 +559,7 @@ def _skill(
 
 def _aimed(seed: tuple[float, ...], handle: Array) -> tuple[float, ...]:
     """Returns joint positions with the first joint turned so that the hand is in the direction of a handle [rad]."""
-    x, y, _ = arm_model().kinematics.forward(np.array(seed)).translation() - _base()
+    x, y, _ = arm_model().kinematics.forward(np.array(seed)).translation() - robot_base()
     turn = np.arctan2(handle[1], handle[0]) - np.arctan2(y, x)
     first = float((seed[0] + turn + np.pi) % (2 * np.pi) - np.pi)
     return (float(np.clip(first, -2.8, 2.8)), *seed[1:])
@@ -595,10 +596,6 @@ def reached_handles(design: KitchenDesign) -> dict[str, bool]:
     kitchen = _kitchen(design)
     encoder = make_encoder(make_mode("joint_velocity", CONTROL_MODES, {}), arm_model())
     return {name: kitchen.reaches(Target(k, True), encoder) for k, name in enumerate(kitchen.names)}
-
-
-def _base() -> Array:
-    return arm_model().kinematics.base.translation()
 
 
 def _vector(array: Array) -> Vector:
