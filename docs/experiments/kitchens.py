@@ -159,7 +159,7 @@ def measure_expert() -> None:
 
 
 def play_in_mode(number: int, mode: str) -> list[tuple[str, bool]]:
-    """Returns the verbs of tasks that are drawn from the certified ones of a test kitchen, and whether each succeeded."""
+    """Returns the verbs of tasks that are drawn among the certified ones of a test kitchen, and the successes."""
     design = KitchenDesign.drawn(number, "test")
     arguments = {"design": design, "visuals": False, "random": FRESH_SEED, "control_mode": mode}
     environment = suite.load("kitchens", "any", arguments)

@@ -2,6 +2,7 @@
 
 python docs/scripts/pictures.py            all domains from every camera, and varied scenes; needs a GL library
 python docs/scripts/pictures.py kitchens   generated kitchens alone
+python docs/scripts/pictures.py grammar    what generated kitchens are drawn from; needs the extra `docs` as well
 python docs/scripts/pictures.py controls   plots and frames of the control modes; needs the extra `docs` as well
 """
 
@@ -313,8 +314,85 @@ def add_arrow(scene: Any, start: Any, end: Any, axis: int) -> None:
     mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_ARROW, 0.012, start, end)
 
 
+# The grammar of generated kitchens. Nodes have a name, how they are drawn, a key of `DRAWN`, and their parts. Names of
+# parts that may be missing end in "?".
+WALL_ROW = (
+    "row of wall cabinets",
+    "row",
+    ("wall_doors", "wall_sliding, at most 1", "hinge_cabinet, at most 1", "slide_cabinet, at most 1"),
+)
+BASE_ROW = ("row below the counter", "row", ("drawers", "base_doors", "stove, at most 1"))
+GRAMMAR = (
+    "kitchen",
+    "all",
+    (
+        ("style", "one", ("slate, oak, white, sage, navy, terracotta",)),
+        ("handle of all cabinets", "one", ("bar, knob",)),
+        (
+            "wall before the robot",
+            "one",
+            (
+                ("oven wall", "all", ("oven", "kettle?", "hood?", WALL_ROW)),
+                ("cabinet wall", "all", (BASE_ROW, "microwave?", WALL_ROW[0])),
+            ),
+        ),
+        ("left of the robot", "one", ("nothing, tall_door, drawers, base_doors",)),
+        ("right of the robot", "one", ("nothing, tall_door, drawers, base_doors",)),
+    ),
+)
+# Colours of the lines, by how parts are drawn, and their meaning.
+DRAWN = {
+    "all": ("#404040", "-", "all of them"),
+    "one": ("#0072B2", "--", "one of them"),
+    "row": ("#009E73", ":", "some, side by side"),
+}
+# Distance between columns, and between lines [in].
+COLUMN, LINE = 2.55, 0.34
+
+
+def write_grammar_diagram() -> None:
+    """Draws the grammar of generated kitchens as a tree, from left to right."""
+    import matplotlib
+
+    matplotlib.use("svg")
+    matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "grammar", "font.family": "sans-serif"})
+    from matplotlib import lines, pyplot
+
+    figure, panel = pyplot.subplots(figsize=(12.0, 5.6))
+    height = _draw_node(panel, GRAMMAR, 0, 0.0)[1]
+    panel.set(xlim=(-0.1, 5 * COLUMN - 0.4), ylim=(-height, 0.4))
+    panel.axis("off")
+    styles = [lines.Line2D([], [], color=color, linestyle=dash, label=words) for color, dash, words in DRAWN.values()]
+    styles.append(lines.Line2D([], [], color="none", label="?  may be missing"))
+    panel.legend(handles=styles, loc="lower right", frameon=False)
+    figure.savefig(PICTURES / "kitchens_grammar.svg", bbox_inches="tight", metadata={"Date": None})
+    pyplot.close(figure)
+
+
+def _draw_node(panel: Any, node: Any, depth: int, top: float) -> tuple[float, float]:
+    """Draws a node of the grammar below a height; returns the height of its middle, and where the next one begins."""
+    name, how, parts = (node, "all", ()) if isinstance(node, str) else node
+    middles, bottom = [], top
+    for part in parts:
+        middle, bottom = _draw_node(panel, part, depth + 1, bottom)
+        middles.append(middle)
+    middle, bottom = (np.mean(middles), bottom) if middles else (top + LINE / 2, top + LINE)
+    x, (color, dash, _) = depth * COLUMN, DRAWN[how]
+    for end in middles:
+        way = [x + 0.2, x + COLUMN - 0.4, x + COLUMN - 0.4, x + COLUMN - 0.1], [-middle, -middle, -end, -end]
+        panel.plot(*way, color=color, linestyle=dash, linewidth=1.2, zorder=1)
+    edge = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": color if parts else "#b0b0b0"}
+    panel.text(x, -middle, name, va="center", fontsize=10, bbox=edge)
+    return float(middle), bottom
+
+
 if __name__ == "__main__":
-    commands = {(): write_pictures, ("kitchens",): write_kitchens_sheet, ("controls",): write_control_pictures}
+    commands = {
+        (): write_pictures,
+        ("kitchens",): write_kitchens_sheet,
+        ("grammar",): write_grammar_diagram,
+        ("controls",): write_control_pictures,
+    }
     if tuple(sys.argv[1:]) not in commands:
         sys.exit(__doc__)
     commands[tuple(sys.argv[1:])]()

@@ -713,6 +713,21 @@ def kitchens_expert_table() -> str:
     )
 
 
+def kitchens_mode_table() -> str:
+    """Returns the table of the expert's successes by control mode, from `docs/experiments/kitchens.py modes`."""
+    rows = read_results("kitchens_modes")
+    verbs = sorted({name for row in rows for name, cell in row.items() if isinstance(cell, list)})
+    cells = [
+        (
+            f"`{row['mode']}`",
+            f"{row['successes']} of {row['episodes']}",
+            *("{} of {}".format(*row[verb]) for verb in verbs),
+        )
+        for row in rows
+    ]
+    return markdown(("control mode", "all", *(f"`{verb}`" for verb in verbs)), cells)
+
+
 def kitchens_design_table() -> str:
     """Returns the table of how different the designs are, from `docs/experiments/kitchens.py designs`."""
     rows = [
@@ -806,6 +821,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "soak": soak_table,
     "kitchens_certificates": certificate_table,
     "kitchens_expert": kitchens_expert_table,
+    "kitchens_modes": kitchens_mode_table,
     "kitchens_designs": kitchens_design_table,
     "kitchens_speed": kitchens_speed_table,
     "fast_settings": fast_settings_table,

@@ -6,6 +6,8 @@ import pytest
 from docs_blocks import ROOT
 from PIL import Image
 
+from kitchen_suite.entities.fixtures import KINDS
+
 PICTURES = ROOT / "docs" / "pictures"
 FILM = PICTURES / "film.webp"
 MEGABYTE = 1_000_000
@@ -46,3 +48,8 @@ def test_all_pictures_are_shown_and_together_small():
     files = set(PICTURES.iterdir()) - {PICTURES / "experts.mp4"}
     assert {path.name for path in files - shown} == set()
     assert sum(path.stat().st_size for path in files) <= 10 * MEGABYTE
+
+
+def test_the_diagram_of_the_grammar_has_every_kind_of_fixture():
+    text = (PICTURES / "kitchens_grammar.svg").read_text(encoding="utf-8")
+    assert [kind for kind in KINDS if kind not in text] == []

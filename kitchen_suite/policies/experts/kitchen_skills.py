@@ -327,8 +327,8 @@ _ORIENTATIONS = {
     "return kettle": HandOrientation(approach=direction(20, 0), spread=UP),
 }
 
-# Target angle of knobs, which are damped and lag behind the hand; and where the hand cannot turn, whose fingers, side by
-# side, push a knob less far [rad].
+# Target angles of knobs, which are damped and lag behind the hand; the second is for a hand that cannot turn, whose
+# fingers, side by side, push a knob less far [rad].
 KNOB_ANGLE, FIXED_KNOB_ANGLE = -1.3, -1.8
 
 SKILLS: Mapping[str, Skill] = MappingProxyType(_skills(_ORIENTATIONS, knob_angle=KNOB_ANGLE))

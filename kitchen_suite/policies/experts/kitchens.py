@@ -23,7 +23,16 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ActionEncoder, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
-from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, BACK, DOWN, FIXED_KNOB_ANGLE, FIXED_SKILLS, KNOB_ANGLE, SKILLS, direction
+from kitchen_suite.policies.experts.kitchen_skills import (
+    AT_RESET,
+    BACK,
+    DOWN,
+    FIXED_KNOB_ANGLE,
+    FIXED_SKILLS,
+    KNOB_ANGLE,
+    SKILLS,
+    direction,
+)
 from kitchen_suite.policies.experts.skills import ArcMove, Array, HandOrientation, Move, Prismatic, Revolute, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory
 from kitchen_suite.tasks.control_modes.modes import make_mode
@@ -78,7 +87,8 @@ _SEEDS = (
     (1.87, 1.02, -2.15, -2.41, 1.16, 0.47, -2.34),
 )
 
-Seeds = tuple[tuple[float, ...], ...]
+# Joint positions of the arm, each `(7,)` [rad].
+_Seeds = tuple[tuple[float, ...], ...]
 
 # Distance to the right of a knob's centre and above it at which the finger tips push its bar [m], and how far beyond
 # its end they turn it [rad].
@@ -230,7 +240,7 @@ class Motion(NamedTuple):
         return self._replace(skill=self.skill.with_orientation(orientation))
 
     def led(self, kinematics: ArmKinematics) -> Self:
-        """Returns this motion in the posture that the arm comes to if a mode leads the hand there from near the robot."""
+        """Returns this motion in the posture to which the arm comes on a straight line of the hand from near the robot."""
         end = self.moved_frame @ self.skill.moves[0].pose
         joints = np.array(_aimed(_tuck(_TUCKS[0]), end.translation()))
         start = kinematics.forward(joints)
@@ -386,7 +396,7 @@ class _Kitchen:
         return motions if encoder.turns_hand else (motion.with_hand(AT_RESET.rotation) for motion in motions)
 
     def _all_motions(
-        self, part: Part, target: Target, opening: float, seeds: Seeds, turns_hand: bool
+        self, part: Part, target: Target, opening: float, seeds: _Seeds, turns_hand: bool
     ) -> Iterator[Motion]:
         # A hand that cannot turn pushes knobs of stoves as it does those of the oven.
         twin = part.twin if turns_hand or part.kind != "knob" else "top burner"
@@ -404,7 +414,7 @@ class _Kitchen:
             yield Motion.of(skill, mink.SE3.identity(), moved, _aimed(seed, self.slots.position[target.place]))
 
     def _twins(
-        self, twin: str, part: Part, target: Target, opening: float, seeds: Seeds, turns_hand: bool
+        self, twin: str, part: Part, target: Target, opening: float, seeds: _Seeds, turns_hand: bool
     ) -> Iterator[Motion]:
         """Yields the skill of the kitchen's task for a part like it, moved to where the part is."""
         reverses = {task: reverse for reverse, task in REVERSES.items()}
