@@ -240,7 +240,7 @@ class Motion(NamedTuple):
         return self._replace(skill=self.skill.with_orientation(orientation))
 
     def led(self, kinematics: ArmKinematics) -> Self:
-        """Returns this motion in the posture to which the arm comes on a straight line of the hand from near the robot."""
+        """Returns this motion in the posture to which the arm comes on a straight way from near the robot."""
         end = self.moved_frame @ self.skill.moves[0].pose
         joints = np.array(_aimed(_tuck(_TUCKS[0]), end.translation()))
         start = kinematics.forward(joints)
@@ -391,7 +391,9 @@ class _Kitchen:
 
     def _candidates(self, target: Target, opening: float, encoder: ActionEncoder) -> Iterator[Motion]:
         """Yields motions to be tried; the hand keeps its orientation at the reset where the mode cannot turn it."""
-        seeds = (_tuck(_TUCKS[0]), *_SEEDS[: None if encoder.sets_posture else 1])
+        # Where the mode chooses the posture, only such as it comes to; `led` finds the one where the hand turns.
+        count = None if encoder.sets_posture else int(not encoder.turns_hand)
+        seeds = (_tuck(_TUCKS[0]), *_SEEDS[:count])
         motions = self._all_motions(self.parts[target.place], target, opening, seeds, encoder.turns_hand)
         return motions if encoder.turns_hand else (motion.with_hand(AT_RESET.rotation) for motion in motions)
 
