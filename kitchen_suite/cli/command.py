@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from io import TextIOWrapper
 from pathlib import Path
-from types import FrameType, MappingProxyType, UnionType
+from types import FrameType, UnionType
 from typing import Any, NamedTuple, Protocol, cast
 
 from absl import flags
@@ -280,15 +280,13 @@ def _json_object(text: str) -> dict[str, Any]:
     return value
 
 
-_READERS: Mapping[Any, Callable[[str], Any]] = MappingProxyType(
-    {
-        str: str,
-        int: functools.partial(_number, int, "an integer"),
-        float: functools.partial(_number, float, "a number"),
-        Path: _path,
-        Mapping[str, Any]: _json_object,
-    }
-)
+_READERS: Mapping[Any, Callable[[str], Any]] = {
+    str: str,
+    int: functools.partial(_number, int, "an integer"),
+    float: functools.partial(_number, float, "a number"),
+    Path: _path,
+    Mapping[str, Any]: _json_object,
+}
 
 
 def fail(name: str, problem: object, status: int) -> int:
