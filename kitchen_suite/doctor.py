@@ -22,7 +22,7 @@ from kitchen_suite.rollouts.rollout import PolicyController, VectorRollout
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import DoctorSettings
 from kitchen_suite.vector_env.base import processors
-from kitchen_suite.versions import PACKAGES, processor
+from kitchen_suite.versions import PACKAGES, processor, version_of
 
 # Digests by domain and physics, of each combination of versions and kind of processor that is known; written by
 # `docs/experiments/processors.py digests`.
@@ -40,7 +40,7 @@ _DIFFERS = "DIFFERS from that known for this kind of processor"
 
 def circumstances() -> dict[str, str]:
     """Returns the versions and the kind of processor that decide which digests are expected."""
-    return {**{name: _version(name) for name in _SIMULATING}, "processor": processor()}
+    return {**{name: version_of(name) or _MISSING for name in _SIMULATING}, "processor": processor()}
 
 
 def digests() -> Iterator[tuple[str, str]]:
@@ -122,7 +122,7 @@ def _facts() -> dict[str, str]:
         "python": f"{platform.python_version()} in {sys.prefix}",
         "system": platform.platform(),
         "processor": f"{processor()}; {processors()} usable",
-        **{name: _version(name) for name in PACKAGES},
+        **{name: version_of(name) or _MISSING for name in PACKAGES},
         "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md",
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
@@ -141,13 +141,6 @@ def _in_one_line(error: Exception) -> str:
     return checks.shortened(" ".join((type(error).__name__, *str(error).split())))
 
 
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return _MISSING
-
-
 def _extras() -> dict[str, str]:
     requirements: list[str] = []
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):
@@ -161,5 +154,5 @@ def _extras() -> dict[str, str]:
 
 
 def _installed(packages: list[str]) -> str:
-    missing = [package for package in packages if _version(package) == _MISSING]
+    missing = [package for package in packages if not version_of(package)]
     return f"without {', '.join(missing)}" if missing else "installed"

@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import importlib.metadata
 import io
 import warnings
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kitchen_suite import checks, files
+from kitchen_suite.versions import version_of
 
 if TYPE_CHECKING:
     from dm_control import mjcf
@@ -37,7 +37,7 @@ _NUM_SLICES, _NUM_STACKS, _NUM_QUADS = 20, 4, 1
 
 def missing_packages() -> list[str]:
     """Returns the packages of the extra `pixels` that are not installed."""
-    return [name for name in PACKAGES if not _version(name)]
+    return [name for name in PACKAGES if not version_of(name)]
 
 
 def is_large(stl: bytes) -> bool:
@@ -69,7 +69,7 @@ def light_stl(stl: bytes) -> bytes:
 
 def _cache_path(stl: bytes) -> Path | None:
     """Returns where the light version of a mesh is kept, by its contents and all that the result depends on."""
-    settings = (MAX_FACES, _AGGRESSION, *((name, _version(name)) for name in PACKAGES))
+    settings = (MAX_FACES, _AGGRESSION, *((name, version_of(name)) for name in PACKAGES))
     digest = hashlib.sha256(repr(settings).encode() + stl).hexdigest()
     root = files.cache_folder()
     return root and root / "light-meshes" / f"{digest}.npz"
@@ -89,13 +89,6 @@ def _count_faces(stl: bytes) -> int:
     """Returns the number of faces in the contents of a binary STL file; 0 for those of another file."""
     faces = int.from_bytes(stl[_HEADER - 4 : _HEADER], "little")
     return faces if len(stl) == _HEADER + _FACE * faces else 0
-
-
-def _version(package: str) -> str | None:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Callable[[mjcf.Element], bool]") -> None:

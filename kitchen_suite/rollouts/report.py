@@ -68,24 +68,18 @@ class Report:
         return wrapper.fill(cells[last]).replace(_UNBROKEN, " ")
 
 
-class EpisodeBar:
+class EpisodeBar(tqdm):
     """A progress bar, where stderr is a terminal, that counts episodes and shows how many of them succeeded."""
 
     def __init__(self, total: int, found: int = 0, successes: int = 0) -> None:
         """Shows the bar; of the total, `found` episodes were there before."""
-        self._bar = tqdm(total=total, initial=found, unit="episode", disable=None, leave=False)
-        self._count, self._successes = found, successes
-
-    def __enter__(self) -> "EpisodeBar":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._bar.close()
+        super().__init__(total=total, initial=found, unit="episode", disable=None, leave=False)
+        self._successes = successes
 
     def count(self, success: bool) -> None:
-        self._count, self._successes = self._count + 1, self._successes + success
-        self._bar.set_postfix_str(f"success {self._successes / self._count:.0%}", refresh=False)
-        self._bar.update()
+        self._successes += success
+        self.set_postfix_str(f"success {self._successes / (self.n + 1):.0%}", refresh=False)
+        self.update()
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], style: str = "simple") -> str:
