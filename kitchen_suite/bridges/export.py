@@ -2,7 +2,6 @@
 
 import contextlib
 import importlib.metadata
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -141,9 +140,7 @@ class ExportJob:
         if self._folder.exists() and any(self._folder.iterdir()):
             raise FileExistsError(f"{self._folder} is not empty: name another folder")
         self._seed = settings.seed
-        self._spec = EnvironmentSpec.make(
-            domain_name=settings.domain_name, task_name=settings.task_name, task_kwargs=settings.environment_kwargs
-        )
+        self._spec = EnvironmentSpec.make(settings.domain_name, settings.task_name, settings.environment_kwargs)
         if settings.variation_values and settings.variations is None and "variations" not in settings.task_kwargs:
             raise ValueError("variation_values needs --variations, the parameters that vary")
         self._gymnasium_env = self._spec.make_environment(visuals=True)
@@ -160,7 +157,7 @@ class ExportJob:
             folder.mkdir()
             differences = write_scene(folder, self._environment)
             record = {**self._metadata(), **{name: each._asdict() for name, each in differences.items()}}
-            (folder / METADATA_FILE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+            files.write_json(folder / METADATA_FILE, record)
             (folder / PAGE_FILE).write_text(page(record), encoding="utf-8")
         print(f"{self._spec.domain_name} {self._spec.task_name}, seed {self._seed}, in {self._folder}")
         print(f"{BINARY_FILE}: the environment's model, to the bit")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError, instruct, labels_of
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, Waiting, Watch, flatten
-from kitchen_suite.rollouts.spec import EpisodePolicies, EpisodeSpec, SeededPolicies, clipped_action, reset_to_seed
+from kitchen_suite.rollouts.spec import EpisodePolicies, EpisodeSpec, clipped_action, reset_to_seed, seeded_policies
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Control steps that an episode can go back.
@@ -42,13 +42,13 @@ class SingleRollout:
         """Makes the environment, with `extra` further arguments, and finds the policy, if no builder is given."""
         self._spec = spec
         self.environment = spec.make_environment(**extra)
-        self._policies = SeededPolicies(build_policy) if build_policy else spec.episode_policies()
+        self._policies = seeded_policies(build_policy) if build_policy else spec.episode_policies()
 
     def start(self, seed: int, name: str = "", options: Mapping[str, Any] | None = None) -> None:
         """Starts the episode of a seed, with a name for readers; raises a PolicyError if the policy cannot be built."""
         self.options = options
         self.buffer = EpisodeBuffer(*reset_to_seed(self.environment, seed, self._spec.seeding, options), name=name)
-        self.policy = self._policies.start(suite_env(self.environment).environment, seed, options)
+        self.policy = self._policies(suite_env(self.environment).environment, seed, options)
 
     def step(self) -> None:
         """Makes a control step with the policy's action.
@@ -151,7 +151,7 @@ class PolicyController:
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
         environment = self._environments.template_of(i).environment
-        self._policies[i] = self._episode_policies.start(environment, seed, options)
+        self._policies[i] = self._episode_policies(environment, seed, options)
 
     def act(self, step: BatchStep) -> NDArray:
         actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
