@@ -150,9 +150,5 @@ def _extras() -> dict[str, str]:
         package, extra = re.match(r"[\w.-]+", requirement), re.search(r"extra == ['\"]([\w-]+)", requirement)
         if package and extra and package[0] != "kitchen-suite":
             needed.setdefault(extra[1], []).append(package[0])
-    return {extra: _installed(packages) for extra, packages in needed.items()}
-
-
-def _installed(packages: list[str]) -> str:
-    missing = [package for package in packages if not version_of(package)]
-    return f"without {', '.join(missing)}" if missing else "installed"
+    missing = {extra: [each for each in packages if not version_of(each)] for extra, packages in needed.items()}
+    return {extra: f"without {', '.join(each)}" if each else "installed" for extra, each in missing.items()}

@@ -111,26 +111,19 @@ def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Calla
             texture.remove()
     # Meshes that only visual geoms have; one that some geom has by its name is the same mesh.
     root.resolve_references()
-    by_kind: dict[bool, set[mjcf.Element]] = {True: set(), False: set()}
-    for geom in root.find_all("geom"):
-        by_kind[bool(is_visual(geom))].add(geom.mesh)
-    visual = by_kind[True] - by_kind[False]
+    geoms = root.find_all("geom")
+    visual = {geom.mesh for geom in geoms if is_visual(geom)} - {geom.mesh for geom in geoms if not is_visual(geom)}
     meshes = [mesh for mesh in root.find_all("mesh") if mesh in visual and mesh.file is not None]
-    _lighten([mesh for mesh in meshes if is_large(mesh.file.contents)])
-
-
-def _lighten(meshes: "list[mjcf.Element]") -> None:
-    """Replaces meshes by light versions, or warns that these need an extra."""
-    if not meshes:
+    if not (large := [mesh for mesh in meshes if is_large(mesh.file.contents)]):
         return
     if missing := missing_packages():
         warnings.warn(
             "render_quality 'fast' is up to three times as fast with light meshes, which need "
             f"{' and '.join(missing)}: {checks.install_command('pixels')}",
-            stacklevel=3,
+            stacklevel=2,
         )
         return
     from dm_control import mjcf
 
-    for mesh in meshes:
+    for mesh in large:
         mesh.file = mjcf.Asset(light_stl(mesh.file.contents), ".stl")

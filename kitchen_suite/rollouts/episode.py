@@ -222,8 +222,9 @@ class EpisodeBuffer:
         return dm_env.transition(self.reward, observation)
 
     def arrays(self, *, with_observations: bool = True) -> dict[str, NDArray]:
-        """Returns the arrays of the episode so far; without those of observations and infos if they are not wanted."""
-        columns, rows = zip(*self._steps, strict=True), self._rows if with_observations else [{}]
+        """Returns the arrays of the episode so far; unless wanted, observations of no numbers, and no infos."""
+        columns, nothing = zip(*self._steps, strict=True), {"observation": np.empty(0)}
+        rows = self._rows if with_observations else [nothing] * len(self._rows)
         return {
             **{name: np.stack([row[name] for row in rows]) for name in rows[0]},
             **{name: np.array(column) for name, column in zip(Step._fields, columns, strict=True)},

@@ -52,8 +52,7 @@ class Report:
             **dict(_mean(name, [stats.metrics[name] for stats in episodes]) for name in episodes[0].metrics),
             "steps per second": f"{speed:.0f}",
         }
-        width = max(map(len, lines))
-        return "\n".join(f"{name:<{width}}{_GAP}{value}" for name, value in lines.items())
+        return tabulate(lines.items(), tablefmt="plain", disable_numparse=True)
 
     def _row(self, cells: dict[str, str]) -> str:
         """Aligns cells to the right below their names; the last one begins below its name, and may take many lines."""
@@ -108,12 +107,11 @@ def _cells(index: int, stats: EpisodeStats) -> dict[str, str]:
         "return": _number(stats.total_reward),
         "steps": str(stats.steps),
         "seconds": f"{stats.seconds:7.2f}",
-        **{_title(name, value): _text(name, value) for name, value in metrics},
+        **{
+            name.replace("_", " ") + (" (at control step)" if isinstance(value, dict) else ""): _text(name, value)
+            for name, value in metrics
+        },
     }
-
-
-def _title(name: str, value: _Metric) -> str:
-    return name.replace("_", " ") + (" (at control step)" if isinstance(value, dict) else "")
 
 
 def _text(name: str, value: _Metric) -> str:
