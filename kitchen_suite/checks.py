@@ -178,12 +178,12 @@ def reset_options(value: object, names: Collection[str], *, elsewhere: Collectio
     return {name: option for name, option in (value or {}).items() if name in names}
 
 
-def unique_names(values: object, name: str) -> tuple[object, ...]:
-    """Returns `values` as a tuple if it is an ordered collection that is not empty and repeats no string."""
+def unique_names(values: object, name: str, *, minimum: int = 1) -> tuple[object, ...]:
+    """Returns `values` as a tuple if it is an ordered collection of 1, or 0, or more that repeats no string."""
     if isinstance(values, str | bytes | Set | Mapping) or not isinstance(values, Collection):
         raise TypeError(f"{name} must be a sequence of names, got {shown(values)}")
     result = tuple(values)
-    if not result:
+    if len(result) < minimum:
         raise ValueError(f"{name} is empty; name at least one")
     counts = collections.Counter(value for value in result if isinstance(value, str))
     if repeated := sorted(repr(value) for value, count in counts.items() if count > 1):

@@ -79,23 +79,18 @@ def write_values(root: Any, built: mujoco.MjModel, live: mujoco.MjModel) -> None
             rows = np.unique(live.dof_jntid[rows])
         for number in rows.tolist():
             element = elements[namespace, mujoco.mj_id2name(live, kind, number)]
-            _set(element, reader(live, field, number), inertial=reader is _inertial)
-
-
-def _set(element: Any, attributes: Mapping[str, Any], *, inertial: bool) -> None:
-    if inertial:
-        if element.inertial is not None:
-            element.inertial.remove()
-        element.add("inertial", **attributes)
-        return
-    if "quat" in attributes:
-        for name in _ORIENTATIONS:
-            if getattr(element, name, None) is not None:
-                delattr(element, name)
-    if "material" in attributes:
-        material = element.root.root_model.find("material", attributes["material"])
-        attributes = {"material": material}
-    element.set_attributes(**attributes)
+            attributes = {**reader(live, field, number)}
+            if reader is _inertial:
+                if element.inertial is not None:
+                    element.inertial.remove()
+                element.add("inertial", **attributes)
+                continue
+            for name in _ORIENTATIONS if "quat" in attributes else ():
+                if getattr(element, name, None) is not None:
+                    delattr(element, name)
+            if "material" in attributes:
+                attributes["material"] = root.find("material", attributes["material"])
+            element.set_attributes(**attributes)
 
 
 class Difference(NamedTuple):

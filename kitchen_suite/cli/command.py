@@ -87,7 +87,10 @@ class Command:
         try:
             settings = self.parse(sys.argv[1:] if arguments is None else arguments)
             if not isinstance(settings, str):
-                job = self._prepare(settings)
+                packages, extra = self.needs
+                checks.installed(packages, self.name, extra)
+                gl.prepare(rendering=self.renders(settings))
+                job = cast(Job, pkgutil.resolve_name(self.job)(settings))
                 ended = job.run()
         except (Exception, KeyboardInterrupt) as error:
             return self._end(error, job)
@@ -125,12 +128,6 @@ class Command:
                 flag = setting.name if setting.name == self.positional else f"--{setting.name}"
                 raise flags.Error(f"{flag} is missing: {setting.flag.help}")
         return self.settings(**chosen)
-
-    def _prepare(self, settings: Any) -> Job:
-        packages, extra = self.needs
-        checks.installed(packages, self.name, extra)
-        gl.prepare(rendering=self.renders(settings))
-        return pkgutil.resolve_name(self.job)(settings)
 
     def _end(self, error: BaseException, job: Job | None) -> int:
         """Reports an error of a job, or of its preparation where there is none; returns the exit status.
@@ -304,7 +301,11 @@ def run_process(name: str, main: Callable[[], int]) -> int:
     warnings.formatwarning = lambda message, category, *_, **__: f"{category.__name__}: {message}\n"
     status = SUCCESS
     try:
-        _raise_interrupts()
+        # SIGTERM too, with which batch systems stop a job. SIGINT stays ignored where it is, as in background jobs.
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
+            if number is not signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, _interrupt)
+        sys.unraisablehook = _raise_again
         status = main()
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -316,15 +317,6 @@ def run_process(name: str, main: Callable[[], int]) -> int:
             return BROKEN_PIPE
         return status or fail(name, f"stdout cannot be written to: {error}", FAILURE)
     return status
-
-
-def _raise_interrupts() -> None:
-    """Lets SIGINT and SIGTERM, with which batch systems stop a job, raise KeyboardInterrupt, also in destructors."""
-    # SIGINT stays ignored where it is, as in a shell's background jobs.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
-        if number is not signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _interrupt)
-    sys.unraisablehook = _raise_again
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -255,7 +255,11 @@ class VectorRollout:
             if waiting:
                 needs_reset |= [episode is None for episode in self._running]
             for i in np.flatnonzero(needs_reset).tolist():
-                self._running[i] = self._next(i, waiting)
+                self._running[i] = None
+                if waiting:
+                    index, seed = waiting.popleft()
+                    self._controller.start(i, seed, self._resets[index] if self._resets else {})
+                    self._running[i] = VectorEpisode(i=i, index=index, seed=seed)
             playing = [episode for episode in self._running if episode]
             if not playing:
                 return
@@ -271,13 +275,6 @@ class VectorRollout:
                 if needs_reset[episode.i]:
                     episode.instruction = self._environments.instruction[episode.i]
                     yield episode.index, episode
-
-    def _next(self, i: int, waiting: Waiting) -> VectorEpisode | None:
-        if not waiting:
-            return None
-        index, seed = waiting.popleft()
-        self._controller.start(i, seed, self._resets[index] if self._resets else {})
-        return VectorEpisode(i=i, index=index, seed=seed)
 
     def _reset(self, mask: NDArray[np.bool_]) -> None:
         """Starts the episodes in the environments of a mask."""

@@ -114,11 +114,6 @@ def variation_requests(
     }
 
 
-def row(observations: Any, i: int) -> Any:
-    """Returns a copy of the observation of environment `i`."""
-    return tree.map_structure(lambda array: array[i].copy(), observations)
-
-
 def copied(infos: Mapping[str, Any]) -> dict[str, Any]:
     """Returns nested dicts of arrays with copies of the arrays; faster than dm-tree where there are many."""
     return {key: copied(part) if isinstance(part, dict) else part.copy() for key, part in infos.items()}

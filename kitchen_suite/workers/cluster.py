@@ -69,21 +69,16 @@ class RaySettings:
             if ray.is_initialized():
                 yield
                 return
+            settings = {"num_cpus": num_cpus, "include_dashboard": False} if self.address is None else {}
             try:
-                with _sigterm_handler_kept():
-                    self._connect(num_cpus)
+                try:
+                    with _sigterm_handler_kept():
+                        ray.init(self.address or "local", log_to_driver=False, logging_level="ERROR", **settings)
+                except (OSError, RuntimeError, ValueError) as error:
+                    raise ClusterError(f"cannot use Ray at {self.address or 'this machine'}: {error}") from error
                 yield
             finally:
                 ray.shutdown()
-
-    def _connect(self, num_cpus: int) -> None:
-        import ray
-
-        settings = {"num_cpus": num_cpus, "include_dashboard": False} if self.address is None else {}
-        try:
-            ray.init(self.address or "local", log_to_driver=False, logging_level="ERROR", **settings)
-        except (OSError, RuntimeError, ValueError) as error:
-            raise ClusterError(f"cannot use Ray at {self.address or 'this machine'}: {error}") from error
 
 
 def _check_reachable(address: str) -> None:
