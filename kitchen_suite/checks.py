@@ -6,6 +6,7 @@ otherwise. The message names the argument, its value and the values allowed.
 
 import collections
 import difflib
+import importlib.metadata
 import importlib.util
 import inspect
 import math
@@ -75,6 +76,14 @@ def installed(packages: Iterable[str], what: str, extra: str) -> None:
     """Raises an ImportError with the pip command of an extra if `what` needs packages that are not installed."""
     if missing := [name for name in packages if not importlib.util.find_spec(name)]:
         raise ImportError(f"{what} needs {' and '.join(missing)}: {install_command(extra)}")
+
+
+def version_of(package: str) -> str | None:
+    """Returns the version of a package; None if it is not installed."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 def install_command(extra: str) -> str:

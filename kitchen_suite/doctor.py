@@ -22,7 +22,7 @@ from kitchen_suite.rollouts.rollout import PolicyController, VectorRollout
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import DoctorSettings
 from kitchen_suite.vector_env.base import processors
-from kitchen_suite.versions import PACKAGES, processor, version_of
+from kitchen_suite.versions import PACKAGES, processor
 
 # Digests by domain and physics, of each combination of versions and kind of processor that is known; written by
 # `docs/experiments/processors.py digests`.
@@ -40,7 +40,7 @@ _DIFFERS = "DIFFERS from that known for this kind of processor"
 
 def circumstances() -> dict[str, str]:
     """Returns the versions and the kind of processor that decide which digests are expected."""
-    return {**{name: version_of(name) or _MISSING for name in _SIMULATING}, "processor": processor()}
+    return {**{name: checks.version_of(name) or _MISSING for name in _SIMULATING}, "processor": processor()}
 
 
 def digests() -> Iterator[tuple[str, str]]:
@@ -122,7 +122,7 @@ def _facts() -> dict[str, str]:
         "python": f"{platform.python_version()} in {sys.prefix}",
         "system": platform.platform(),
         "processor": f"{processor()}; {processors()} usable",
-        **{name: version_of(name) or _MISSING for name in PACKAGES},
+        **{name: checks.version_of(name) or _MISSING for name in PACKAGES},
         "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md",
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
@@ -150,5 +150,5 @@ def _extras() -> dict[str, str]:
         package, extra = re.match(r"[\w.-]+", requirement), re.search(r"extra == ['\"]([\w-]+)", requirement)
         if package and extra and package[0] != "kitchen-suite":
             needed.setdefault(extra[1], []).append(package[0])
-    missing = {extra: [each for each in packages if not version_of(each)] for extra, packages in needed.items()}
+    missing = {extra: [each for each in packages if not checks.version_of(each)] for extra, packages in needed.items()}
     return {extra: f"without {', '.join(each)}" if each else "installed" for extra, each in missing.items()}

@@ -17,14 +17,6 @@ def installed_versions() -> dict[str, str]:
     return {"kitchen-suite": kitchen_suite.__version__, **{name: importlib.metadata.version(name) for name in PACKAGES}}
 
 
-def version_of(package: str) -> str | None:
-    """Returns the version of a package; None if it is not installed."""
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
-
-
 def processor() -> str:
     """Returns the kind of this processor: its architecture, and how the C library and NumPy round on it.
 

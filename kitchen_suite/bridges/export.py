@@ -210,20 +210,7 @@ def write_scene(folder: Path, environment: Environment) -> dict[str, Difference]
     np.savez(folder / STATE_FILE, integration=state)
     write_values(root, mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets()), model)
     root.keyframe.add("key", name=_KEYFRAME, qpos=data.qpos, qvel=data.qvel, ctrl=data.ctrl)
-    _write_xml(folder, root)
-    licences = [path for path in importlib.metadata.files("gymnasium-robotics") or () if path.name == "LICENSE"]
-    for path in licences[:1]:
-        (folder / LICENCE_FILE).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
-    assets = {f"{_ASSETS}/{path.name}": path.read_bytes() for path in (folder / _ASSETS).iterdir()}
-    compiled = mujoco.MjModel.from_xml_string((folder / XML_FILE).read_text(encoding="utf-8"), assets)
-    return {
-        "xml_greatest_difference": greatest_difference(compiled, model),
-        "xml_greatest_difference_in_physics": greatest_difference(compiled, model, physical=True),
-    }
-
-
-def _write_xml(folder: Path, root: Any) -> None:
-    """Writes an MJCF model, with all digits of its numbers, and its assets in a folder of their own."""
+    # With all digits of its numbers, and its assets in a folder of their own.
     tree = ElementTree.fromstring(root.to_xml_string())
     compiler = tree.find("compiler")
     assert compiler is not None
@@ -233,6 +220,15 @@ def _write_xml(folder: Path, root: Any) -> None:
     (folder / _ASSETS).mkdir()
     for name, contents in root.get_assets().items():
         (folder / _ASSETS / name).write_bytes(contents if isinstance(contents, bytes) else contents.encode())
+    licences = [path for path in importlib.metadata.files("gymnasium-robotics") or () if path.name == "LICENSE"]
+    for path in licences[:1]:
+        (folder / LICENCE_FILE).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    assets = {f"{_ASSETS}/{path.name}": path.read_bytes() for path in (folder / _ASSETS).iterdir()}
+    compiled = mujoco.MjModel.from_xml_string((folder / XML_FILE).read_text(encoding="utf-8"), assets)
+    return {
+        "xml_greatest_difference": greatest_difference(compiled, model),
+        "xml_greatest_difference_in_physics": greatest_difference(compiled, model, physical=True),
+    }
 
 
 def _action(mode: Any, spec: specs.Array) -> dict[str, Any]:

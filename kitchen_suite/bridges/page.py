@@ -66,8 +66,6 @@ class Person(Protocol):
 # What is to be done, by the name of what the viewer does, or with the person's episode.
 Command = str | Callable[[Any], None]
 
-_Callback = Callable[[Any], Coroutine[Any, Any, None]]
-
 
 class Page:
     """A server's page, and the browsers that show it; where a person plays, one of them controls.
@@ -109,7 +107,7 @@ class Page:
             event.client.add_notification("Watching", body, auto_close_seconds=5.0)
         return False
 
-    def putting(self, command: Command) -> _Callback:
+    def putting(self, command: Command) -> Callable[[Any], Coroutine[Any, Any, None]]:
         """Returns a callback of viser's that gives a command."""
 
         # In viser's event loop, which keeps the order of events; its threads do not.

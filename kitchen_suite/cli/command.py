@@ -87,10 +87,7 @@ class Command:
         try:
             settings = self.parse(sys.argv[1:] if arguments is None else arguments)
             if not isinstance(settings, str):
-                packages, extra = self.needs
-                checks.installed(packages, self.name, extra)
-                gl.prepare(rendering=self.renders(settings))
-                job = cast(Job, pkgutil.resolve_name(self.job)(settings))
+                job = self._prepare(settings)
                 ended = job.run()
         except (Exception, KeyboardInterrupt) as error:
             return self._end(error, job)
@@ -128,6 +125,12 @@ class Command:
                 flag = setting.name if setting.name == self.positional else f"--{setting.name}"
                 raise flags.Error(f"{flag} is missing: {setting.flag.help}")
         return self.settings(**chosen)
+
+    def _prepare(self, settings: Any) -> Job:
+        packages, extra = self.needs
+        checks.installed(packages, self.name, extra)
+        gl.prepare(rendering=self.renders(settings))
+        return pkgutil.resolve_name(self.job)(settings)
 
     def _end(self, error: BaseException, job: Job | None) -> int:
         """Reports an error of a job, or of its preparation where there is none; returns the exit status.

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kitchen_suite import checks, files
-from kitchen_suite.versions import version_of
 
 if TYPE_CHECKING:
     from dm_control import mjcf
@@ -37,7 +36,7 @@ _NUM_SLICES, _NUM_STACKS, _NUM_QUADS = 20, 4, 1
 
 def missing_packages() -> list[str]:
     """Returns the packages of the extra `pixels` that are not installed."""
-    return [name for name in PACKAGES if not version_of(name)]
+    return [name for name in PACKAGES if not checks.version_of(name)]
 
 
 def is_large(stl: bytes) -> bool:
@@ -50,7 +49,10 @@ def light_stl(stl: bytes) -> bytes:
 
     It is read from the cache folder. If there is none, or a damaged one, it is made, and written there if possible.
     """
-    path = _cache_path(stl)
+    # By the contents of the mesh and all that the result depends on.
+    settings = (MAX_FACES, _AGGRESSION, *((name, checks.version_of(name)) for name in PACKAGES))
+    digest, root = hashlib.sha256(repr(settings).encode() + stl).hexdigest(), files.cache_folder()
+    path = root and root / "light-meshes" / f"{digest}.npz"
     if path and (kept := _read(path)):
         return kept
     import trimesh  # Only installed with the extra.
@@ -65,14 +67,6 @@ def light_stl(stl: bytes) -> bytes:
             files.remove_stale_partials(path.parent)
             files.save_arrays(path, {"stl": np.frombuffer(made, np.uint8)}, {"faces": _count_faces(made)})
     return made
-
-
-def _cache_path(stl: bytes) -> Path | None:
-    """Returns where the light version of a mesh is kept, by its contents and all that the result depends on."""
-    settings = (MAX_FACES, _AGGRESSION, *((name, version_of(name)) for name in PACKAGES))
-    digest = hashlib.sha256(repr(settings).encode() + stl).hexdigest()
-    root = files.cache_folder()
-    return root and root / "light-meshes" / f"{digest}.npz"
 
 
 def _read(path: Path) -> bytes | None:

@@ -18,7 +18,6 @@ from kitchen_suite.rendering.web_scenes import SceneRecorder
 from kitchen_suite.rollouts.episode import EpisodeBuffer, Watch
 from kitchen_suite.rollouts.report import counted, print_line
 from kitchen_suite.settings import FilmSettings, PageSettings
-from kitchen_suite.tasks.task import SuiteTask
 
 PageStep = Callable[[EpisodeBuffer, Environment], None]
 
@@ -60,6 +59,7 @@ class Page:
                     print_line(f"web page {path}{end}")
 
     def _add(self, recorder: SceneRecorder, buffer: EpisodeBuffer, environment: Environment) -> None:
+        """Adds a step: its frame, reward and return, tasks with the control steps of their completion, measures."""
         physics, timestep = environment.physics, environment.control_timestep()
         if buffer.steps == 0:
             self._end_episode(recorder)
@@ -70,8 +70,15 @@ class Page:
                 self._about |= {"rewards": [], "returns": [], "tasks": [], "metrics": {}}
         elif self._about:
             recorder.add_frame(physics, timestep)
-        if self._about:
-            _add_progress(self._about, buffer.reward, environment.task)
+        if about := self._about:
+            task = environment.task
+            about["returns"].append(buffer.reward + (about["returns"] or [0.0])[-1])
+            about["rewards"].append(buffer.reward)
+            if completions := task.episode_completions:
+                about["tasks"] = [*completions.steps_by_task.items()]
+            for name, value in task.episode_metrics.items():
+                if not isinstance(value, dict):
+                    about["metrics"].setdefault(name, []).append(value)
             if buffer.has_ended:
                 self._end_episode(recorder)
 
@@ -80,17 +87,6 @@ class Page:
         if about:
             # The end is shown for a second before the player begins again.
             self._page.add(recorder.finish(1.0), about)
-
-
-def _add_progress(about: dict[str, Any], reward: float, task: SuiteTask) -> None:
-    """Adds the progress after a step: reward, return, tasks with the control steps of their completion, measures."""
-    about["returns"].append(reward + (about["returns"] or [0.0])[-1])
-    about["rewards"].append(reward)
-    if completions := task.episode_completions:
-        about["tasks"] = [*completions.steps_by_task.items()]
-    for name, value in task.episode_metrics.items():
-        if not isinstance(value, dict):
-            about["metrics"].setdefault(name, []).append(value)
 
 
 class Views:

@@ -37,12 +37,9 @@ def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
 
 
 def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """Returns the seed of each of `count` environments.
+    """Returns the seed of each of `count` environments, given that of environment 0, to which environment `i` adds `i`.
 
-    Args:
-      value: seed of environment 0, to which environment `i` adds `i`; or a sequence of seeds, in which `None` continues
-        the environment's stream.
-      count: number of environments.
+    Or `value` is a sequence of seeds, in which `None` continues the environment's stream.
     """
     if value is None:
         return [None] * count

@@ -104,8 +104,7 @@ class OpenCabinetObservables:
     def __init__(self, noise_widths: Mapping[str, float] | None) -> None:
         """Builds the observables; those with noise have a corruptor, which returns the noisy part.
 
-        Args:
-          noise_widths: half widths of the uniform noise by part, in the unit of the part; `None` for none.
+        `noise_widths` are half widths of the uniform noise by part, in the unit of the part; `None` for none.
         """
         if not isinstance(noise_widths, Mapping | None):
             shown = checks.shown(noise_widths)
@@ -124,11 +123,9 @@ class OpenCabinetObservables:
                 self.by_name[name].corruptor = lambda clean, random_state, indices=indices: self._noisy[indices]
 
     def update(self, values: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
-        """Sets the present observation.
+        """Sets the present observation: `values` `(25,)` without noise and not yet clipped, and its `noise` `(25,)`.
 
-        Args:
-          values: `(25,)`, without noise and not yet clipped.
-          noise: `(25,)`, added before clipping, so that noisy observations keep the range.
+        Noise is added before clipping, so that noisy observations keep the range.
         """
         self._clean = clipped(values)
         self._noisy = clipped(values + noise) if self._is_noisy else self._clean
