@@ -21,7 +21,7 @@ CEILINGS = {
     # Raised for teleoperation, for kitchen-convert in both directions, for light in web scenes, for offline learning;
     # lowered where these were made shorter. Raised for generated kitchens with their certificates, and for policies
     # on a server; the limit of the house is 36,000, to which it has to come down.
-    "lines of source": 36_200,
+    "lines of source": 35_830,
 }
 
 

@@ -21,7 +21,7 @@ from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import cameras
 from kitchen_suite.rollouts.episode import EpisodeBuffer, Waiting
 from kitchen_suite.rollouts.report import EpisodeBar, counted, print_line, table
-from kitchen_suite.rollouts.rollout import Controller, EndedEpisode, PolicyController, SingleRollout, VectorRollout
+from kitchen_suite.rollouts.rollout import Controller, PolicyController, SingleRollout, VectorEpisode, VectorRollout
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.rollouts.views import Page, PageStep
 from kitchen_suite.settings import EvaluateSettings
@@ -273,7 +273,7 @@ def play(
 
 
 def _result(
-    environments: SuiteVectorEnv, spec: EpisodeSpec, episode: EndedEpisode, key: Mapping[str, Any]
+    environments: SuiteVectorEnv, spec: EpisodeSpec, episode: VectorEpisode, key: Mapping[str, Any]
 ) -> EpisodeResult:
     """Returns the result of an episode; of one whose physics has diverged that of its start, as a failure."""
     task = environments.composer_task

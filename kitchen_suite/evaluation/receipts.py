@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
 from kitchen_suite.evaluation.results import EpisodeResult
-from kitchen_suite.rollouts.rollout import BatchStep, Controller, EndedEpisode
+from kitchen_suite.rollouts.rollout import BatchStep, Controller, VectorEpisode
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import machine
 
@@ -138,7 +138,7 @@ class TraceRecorder:
             self._open[i].add_action(actions[i])
         return actions
 
-    def trace(self, episode: EndedEpisode) -> Trace:
+    def trace(self, episode: VectorEpisode) -> Trace:
         opened = self._open[episode.i]
         if episode.diverged:
             opened.add_numbers(np.full_like(opened.numbers[-1], np.nan))
@@ -146,7 +146,7 @@ class TraceRecorder:
             opened.add_numbers(self._numbers(np.full(self._environments.num_envs, episode.rewards[-1]))[episode.i])
         return opened.trace
 
-    def observations(self, episode: EndedEpisode) -> NDArray[np.float64]:
+    def observations(self, episode: VectorEpisode) -> NDArray[np.float64]:
         """Returns the observed numbers `(T + 1, m)` of an episode whose trace has been taken."""
         return np.stack(self._open[episode.i].numbers)[:, 1:]
 

@@ -18,7 +18,7 @@ from kitchen_suite.policies.imitated import ImitatedPolicy
 from kitchen_suite.policies.networks import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.rollouts.rollout import Controller, PolicyController
-from kitchen_suite.rollouts.spec import EnvironmentSpec, SeededPolicies
+from kitchen_suite.rollouts.spec import EnvironmentSpec, seeded_policies
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.demonstrations import Demonstrations, load_demonstrations
 from kitchen_suite.training.hyperparameters import ImitationHyperparameters, OfflineHyperparameters, checked_changes
@@ -94,7 +94,7 @@ class RecordingLearner(Learner):
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
         return PolicyController(
-            environments, SeededPolicies(lambda environment, generator: policy.episode(environment.task, generator))
+            environments, seeded_policies(lambda environment, generator: policy.episode(environment.task, generator))
         )
 
 
