@@ -338,11 +338,11 @@ def test_a_policy_names_its_extra_observables_and_the_default_layout(tmp_path, c
     arguments = [f"--demonstrations={folder}", f"--output={run}", "--variations=layout"]
     assert train.main(["--domain_name=kitchen", *shared, *arguments, *quick, hyperparameters]) == 0
     policy = load_policy(run / "policy.npz")
-    assert policy.extra_observables == {"franka/base_pose": 7, "microwave/pose": 7, "microwave/handle_positions": 3}
+    assert policy.given.extra_observables == {"franka/base_pose": 7, "microwave/pose": 7, "microwave/handle_positions": 3}
     with suite.load("kitchen", "kettle", {"visuals": False, "extra_observables": names}) as environment:
         observed = environment.reset().observation
-    assert policy.layout.keys() == {"franka/base_pose", "microwave/pose"}
-    for name, values in policy.layout.items():
+    assert policy.given.layout.keys() == {"franka/base_pose", "microwave/pose"}
+    for name, values in policy.given.layout.items():
         np.testing.assert_array_equal(values, observed[name])
 
 
@@ -443,7 +443,7 @@ def test_a_run_learns_from_recorded_pictures(tmp_path, capsys):
     small = '--hyperparameters={"width": 8, "batch_size": 8, "features": 4}'
     assert train.main([*task, f"--output={output}", *flags, small]) == 0
     policy = output / "policy.npz"
-    assert load_policy(policy).cameras == ("workspace",)
+    assert load_policy(policy).given.cameras == ["workspace"]
     assert play.main([f"--policy_file={policy}", "--novideo", "--num_episodes=1", "--max_episode_steps=3"]) == 0
     named = f"--policy=trained(file={str(policy)!r})"
     assert rollout.main([named, "--task_name=light_switch", "--num_episodes=1", "--max_episode_steps=3"]) == 2
