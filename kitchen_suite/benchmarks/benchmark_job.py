@@ -100,9 +100,7 @@ class Measure:
     num_steps: int = 0
 
 
-def _run_speed(
-    domain: BenchmarkDomain, settings: BenchmarkSettings, num_envs: Sequence[int], num_steps: int
-) -> dict[str, Any]:
+def _run_speed(domain: BenchmarkDomain, settings: BenchmarkSettings, num_envs: Sequence[int], _: int) -> dict[str, Any]:
     steps = settings.max_episode_steps or domain.domain.episode_steps
     cases = domain.cases(num_envs[0])
     rates = speed.measure_rates(domain, cases, rounds=settings.rounds, steps=steps)

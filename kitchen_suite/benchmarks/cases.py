@@ -31,8 +31,7 @@ Control = Callable[[mujoco.MjData, NDArray[np.float64]], None]
 class Case:
     """A simulation or environment whose speed is measured.
 
-    `episode` runs one episode with actions `(steps, n)`, or `(steps, num_envs, n)` if vectorised; otherwise `num_envs`
-    is 0.
+    `episode` runs one episode with actions `(steps, n)`, or `(steps, num_envs, n)` if vectorised; else `num_envs` is 0.
     """
 
     episode: Callable[[NDArray[np.float64]], None]

@@ -94,10 +94,8 @@ def overhead(environment: Environment, adapter: gymnasium.Env, *, repeats: int) 
     }
     calls = 2_000  # Of one measurement.
     with mock.patch.object(mjcf.Physics, "step"):
-        return {
-            name: 1e6 * min(timeit.repeat(step, number=calls, repeat=repeats)) / calls
-            for name, step in measured.items()
-        }
+        seconds = {name: min(timeit.repeat(step, number=calls, repeat=repeats)) for name, step in measured.items()}
+    return {name: 1e6 * least / calls for name, least in seconds.items()}
 
 
 def throughput(domain: BenchmarkDomain, environments: gymnasium.vector.VectorEnv, *, num_steps: int) -> float:

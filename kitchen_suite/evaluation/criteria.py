@@ -50,12 +50,10 @@ GAS_ROBOT = (
     *(0.025421469, 0.0074267522),
 )
 
-# Last states of a demonstration that are BESO's goal; `beso/envs/franka_kitchen/goals.py` of intuitive-robots/beso,
-# lines 82 to 93.
+# Number of last states in BESO's goal; `beso/envs/franka_kitchen/goals.py` of intuitive-robots/beso, lines 82 to 93.
 BESO_FRAMES = 2
 
-# Control steps from a start to the goal, and to the end of the episode; `docs/api/world.md` of stable-worldmodel, lines
-# 95 to 105.
+# Control steps from start to goal, and to the end; `docs/api/world.md` of stable-worldmodel, lines 95 to 105.
 GOAL_OFFSET, GOAL_STEPS = 30, 50
 
 # Distance of all positions of objects from those of a goal at which it is reached.
@@ -125,8 +123,7 @@ def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> States:
     """Returns the goal `(30,)` that goal-conditioned policies of D4RL's kitchen are given.
 
     `goals` are of D4RL's tasks, such as the `desired_goal` of an observation; the other objects are at 0, as in D4RL.
-    `robot` `(9,)` are positions of the robot's joints: `GAS_ROBOT`, or for HIQL those of the first observation of its
-    data; D4RL's own are 0.
+    `robot` `(9,)` are positions of its joints: `GAS_ROBOT`, for HIQL those of its data's first observation, 0 for D4RL.
     """
     goal = np.zeros(30)
     goal[:9] = robot

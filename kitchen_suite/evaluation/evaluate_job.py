@@ -26,6 +26,7 @@ from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.rollouts.views import Page, PageStep
 from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
+from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Beginnings of the names of scores that are means in a unit of their own; all others are rates.
@@ -53,15 +54,10 @@ def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[
         rows.append((_ENTROPY, entropy, ""))
     parts = [table((title, counted(num_episodes), "95 % interval"), rows)]
     if "task_rates" in scores:
-        tasks = [
-            (
-                task,
-                _text("rate", row["rate"]),
-                _interval("rate", row["interval"]),
-                f"{row['completed']} of {row['asked']}",
-            )
-            for task, row in scores["task_rates"].items()
-        ]
+        tasks = []
+        for task, row in scores["task_rates"].items():
+            counts = f"{row['completed']} of {row['asked']}"
+            tasks.append((task, _text("rate", row["rate"]), _interval("rate", row["interval"]), counts))
         parts.append(table(("task", "completed", "95 % interval", "where asked"), tasks))
     if diverged := scores["diverged_seeds"]:
         where = f"the physics diverged in {counted(len(diverged))}"
@@ -72,10 +68,9 @@ def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[
 def format_summary(scores: Mapping[str, Mapping[str, Any]]) -> str:
     """Returns the table of all conditions: a row for each, without intervals."""
     keys = list(dict.fromkeys(key for each in scores.values() for key in each["intervals"]))
-    rows = [
-        (name, *(_text(key, each[key]) if key in each else "" for key in keys), _entropy(each))
-        for name, each in scores.items()
-    ]
+    rows = []
+    for name, each in scores.items():
+        rows.append((name, *(_text(key, each[key]) if key in each else "" for key in keys), _entropy(each)))
     return table(("condition", *map(_label, keys), _ENTROPY), rows)
 
 
@@ -255,15 +250,14 @@ def play(
 ) -> Iterator[tuple[EpisodeResult, Trace | None]]:
     """Yields result and trace of each episode of the condition of a name as it ends.
 
-    `waiting` has the numbers and seeds of the episodes. Unless they are `recorded`, which takes some percent of the
-    time, traces are None.
+    `waiting` has the numbers and seeds of the episodes. Traces are None unless `recorded`, in some percent of the time.
     """
     spec, measures, resets = plan.specs[name], plan.measures[name], plan.resets.get(name, ())
     recorder = TraceRecorder(environments, controller) if recorded or measures else None
     for index, episode in VectorRollout(environments, recorder or controller, resets).play(waiting):
         reset = plan.reset_options(name, index)
         key = {"condition": name, "episode": index, "seed": spec.seed + index, "reset": reset}
-        result = _result(environments, spec, episode, key)
+        result = _result(environments.composer_task, spec, episode, key)
         trace = recorder.trace(episode) if recorder else None
         if recorder and measures:
             states = recorder.observations(episode)[:, criteria.STATE]
@@ -272,11 +266,8 @@ def play(
         yield result, trace if recorded else None
 
 
-def _result(
-    environments: SuiteVectorEnv, spec: EpisodeSpec, episode: EndedEpisode, key: Mapping[str, Any]
-) -> EpisodeResult:
+def _result(task: SuiteTask, spec: EpisodeSpec, episode: EndedEpisode, key: Mapping[str, Any]) -> EpisodeResult:
     """Returns the result of an episode; of one whose physics has diverged that of its start, as a failure."""
-    task = environments.composer_task
     if not episode.diverged:
         infos = episode.last_info
         return EpisodeResult.of(task, infos, control_steps=int(infos["episode_step"]), **key)

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from msgspec import Meta
@@ -92,9 +92,7 @@ class EvaluationPlan:
         return [name for name in mine if mine[name] != its[name]]
 
     @classmethod
-    def of(
-        cls, description: Mapping[str, Any], resets: Mapping[str, list[dict[str, Any]]] | None = None
-    ) -> "EvaluationPlan":
+    def of(cls, description: Mapping[str, Any], resets: Mapping[str, list[dict[str, Any]]] | None = None) -> Self:
         """Returns the plan of a description, unprepared; a TypeError or ValueError for one of another version."""
         record = files.parse(description, _Description, "not the description of an evaluation")
         domain = suite.DOMAINS[checks.choice(record.domain_name, suite.DOMAINS, "domain")]
@@ -109,7 +107,7 @@ class EvaluationPlan:
             )
         return cls(protocol=protocol.name, specs=specs, num_episodes=record.num_episodes).with_resets(resets or {})
 
-    def with_resets(self, resets: Mapping[str, list[dict[str, Any]]]) -> "EvaluationPlan":
+    def with_resets(self, resets: Mapping[str, list[dict[str, Any]]]) -> Self:
         """Returns the plan with options of resets; a ValueError unless the conditions with goals have some that fit."""
         wanted = {name for name, condition in self.conditions.items() if condition.goals}
         if resets.keys() != wanted:
@@ -119,9 +117,8 @@ class EvaluationPlan:
                 requests = suite_env(environment).composer_task.requests
             for options in each:
                 if not options or not options.keys() <= {*requests.options}:
-                    raise ValueError(
-                        f"options of the reset of an episode of {name} are no goals: {checks.shown(options)}"
-                    )
+                    shown = checks.shown(options)
+                    raise ValueError(f"options of the reset of an episode of {name} are no goals: {shown}")
                 requests.checked(options)
             if len(each) != self.num_episodes:
                 raise ValueError(f"{len(each)} episodes of {name} have goals of their own, not {self.num_episodes}")
@@ -157,9 +154,7 @@ def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
     taken = {name: condition.goals for name, condition in plan.conditions.items() if condition.goals}
     if settings.dataset is None:
         if taken:
-            raise ValueError(
-                f"protocol {plan.protocol!r} needs --dataset, the folder of a recording to take goals from"
-            )
+            raise ValueError(f"protocol {plan.protocol!r} needs --dataset, a folder of a recording to take goals from")
         return dataclasses.replace(plan, specs=prepared)
     if not taken:
         raise ValueError(f"protocol {plan.protocol!r} takes no goals from a --dataset")

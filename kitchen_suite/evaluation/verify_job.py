@@ -180,9 +180,8 @@ def _circumstances(receipt: Receipt) -> list[str]:
         lines.append(f"not verified, since only pictures depend on it: {', '.join(unseen)}")
     here = {**installed_versions(), "processor": machine()}
     there: Mapping[str, Any] = {**receipt.evaluation["versions"], "processor": receipt.machine}
-    return lines + [
-        f"made with {name} {there.get(name)}, here {here[name]}" for name in here if here[name] != there.get(name)
-    ]
+    differing = [name for name in here if here[name] != there.get(name)]
+    return [*lines, *(f"made with {name} {there.get(name)}, here {here[name]}" for name in differing)]
 
 
 def _table(compared: Mapping[str, list[Comparison]]) -> str:

@@ -233,10 +233,8 @@ class Scales:
     def take(cls, arrays: dict[str, NDArray]) -> Self:
         """Removes the arrays of the scales from others, and returns the scales; raises a ValueError for bad ones."""
         scales = cls(**{name: checked(arrays.pop(name), name) for name in cls.names() if name in arrays})
-        for mean, deviation in (
-            (scales.input_mean, scales.input_deviation),
-            (scales.action_mean, scales.action_deviation),
-        ):
+        pairs = (scales.input_mean, scales.input_deviation), (scales.action_mean, scales.action_deviation)
+        for mean, deviation in pairs:
             if mean.ndim != 1 or mean.shape != deviation.shape or not (deviation > 0).all():
                 raise ValueError("means and positive deviations must be vectors of the same length")
         return scales

@@ -320,8 +320,7 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
       name: a key of `POLICIES`, with options where it takes any, such as `expert(speed=0.8, jitter=0.02)` or
         `trained(file='policy.npz')`; an address `ws://host:port`, a policy on a server; or `module:callable`, a policy
         that is the same object in every episode. Modules are also looked for in the working directory.
-      digest: SHA-256 of the file that the policy names, if it is to be checked: the builder raises a PolicyError for
-        another file.
+      digest: SHA-256 that the policy's file must have, if given: the builder raises a PolicyError for another file.
 
     Raises:
       ImportError: the policy needs an extra that is not installed.

@@ -103,8 +103,7 @@ class StoredPolicy(abc.ABC):
 
         Raises:
           OSError: the file does not exist, is larger than any policy, or is not an npz file with metadata.
-          ValueError: the file is of another algorithm or another version of the layout, or lacks or contradicts a part
-            of a policy.
+          ValueError: the file is of another algorithm or version of the layout, or lacks or contradicts some part.
         """
         return load(path, (cls,))
 

@@ -127,8 +127,7 @@ class TrainedPolicy(StoredPolicy):
 def shipped(task: "SuiteTask") -> Path:
     """Returns the path of the policy that comes with the package for a task and its reward, or a set with the task.
 
-    Where pictures are observed, a policy that takes them is preferred; where the task varies parameters, one that was
-    trained with variations.
+    Where pictures are observed, a policy that takes them is preferred; where parameters vary, one trained with these.
     """
     paths = [path for name in task.policy_inputs.names if (path := SHIPPED / f"{name}.npz").exists()]
     # Those that see, where they can, else the others.

@@ -56,14 +56,12 @@ class DatasetPlan(abc.ABC):
     def _check_same(self, spec: object, count: object) -> None:
         """Raises a ValueError unless a dataset that is there holds the first `count` episodes of the recording."""
         if found := files.first_difference(spec, self.spec.as_json()):
-            raise ValueError(
-                f"dataset {self.dataset_id!r} exists and holds another recording, with {found}: name another one"
-            )
-        if count != self.count:
-            raise ValueError(
-                f"dataset {self.dataset_id!r} exists and is of the first {count} episodes of this recording, "
-                f"not of {self.count}: name another one"
-            )
+            problem = f"holds another recording, with {found}"
+        elif count != self.count:
+            problem = f"is of the first {count} episodes of this recording, not of {self.count}"
+        else:
+            return
+        raise ValueError(f"dataset {self.dataset_id!r} exists and {problem}: name another one")
 
 
 class Source(abc.ABC):
@@ -159,13 +157,13 @@ LEROBOT = Format(
 
 # Files of other programs, below the folder `--data_path`; kitchen-convert makes recordings of them again.
 EXPORTS = tuple(
-    Format(name=name, title=title, example="me/kitchen", plan=f"kitchen_suite.recordings.{plan}")
+    Format(name=name, title=title, example="me/kitchen", plan=f"kitchen_suite.recordings.export_plans:{plan}")
     for name, title, plan in (
-        ("robomimic", "robomimic", "robomimic_file:RobomimicPlan"),
-        ("ogbench", "OGBench", "ogbench_file:OGBenchPlan"),
-        ("d4rl", "D4RL", "d4rl_file:D4RLPlan"),
-        ("diffusion_policy", "Diffusion Policy", "diffusion_policy_store:DiffusionPolicyPlan"),
-        ("bet", "BeT", "bet_folder:BeTPlan"),
+        ("robomimic", "robomimic", "RobomimicPlan"),
+        ("ogbench", "OGBench", "OGBenchPlan"),
+        ("d4rl", "D4RL", "D4RLPlan"),
+        ("diffusion_policy", "Diffusion Policy", "DiffusionPolicyPlan"),
+        ("bet", "BeT", "BeTPlan"),
     )
 )
 

@@ -29,8 +29,7 @@ from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks.task import PICTURE_AXES
 
-# Files of a dataset: with what LeRobot's own do not hold, the specification of the recording and the episodes; and one
-# that every LeRobot dataset has.
+# Files of a dataset: with what LeRobot's lack, the specification of the recording and the episodes; one that all have.
 RECORDING_FILE, INFO_FILE = Path("meta", "kitchen_suite.json"), Path("meta", "info.json")
 
 # There are no videos; where none is named, LeRobot loads another one, and prints the errors if that fails.
@@ -287,10 +286,8 @@ class LeRobotPlan(DatasetPlan):
 
     def _add(self, dataset: Any, episode: EpisodeArrays, observations: LeRobotObservations) -> None:
         # LeRobot has single numbers as arrays of shape (1,).
-        columns = {
-            name: rows[:, np.newaxis] if rows.ndim == 1 else rows
-            for name, rows in observations.columns(episode).items()
-        }
+        found = observations.columns(episode)
+        columns = {name: rows[:, np.newaxis] if rows.ndim == 1 else rows for name, rows in found.items()}
         task = episode.instruction or self.spec.task_name.replace("_", " ")
         for step in range(episode.steps):
             dataset.add_frame({**{name: rows[step] for name, rows in columns.items()}, "task": task})

@@ -60,7 +60,7 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
     with files.atomic_write(path) as partial, partial.open("wb") as file:
         file.write(contents.getbuffer())
         file.write(hashlib.sha256(contents.getbuffer()).digest())
-    for old in _paths(folder)[:-_NUM_KEPT]:
+    for old in sorted(folder.glob(_PATTERN))[:-_NUM_KEPT]:
         old.unlink()
     return path
 
@@ -71,7 +71,7 @@ def load_last(folder: Path, check: Callable[[Checkpoint], None] = lambda checkpo
     A message names each newer one that cannot be read, or for which `check` raises a ValueError; if none can be read,
     it raises a CheckpointError.
     """
-    paths = _paths(folder)
+    paths = sorted(folder.glob(_PATTERN))
     for path in reversed(paths):
         try:
             with files.reading(path, "a checkpoint"):
@@ -96,11 +96,6 @@ def _checked(contents: bytes) -> io.BytesIO:
         if sum(member.file_size for member in archive.infolist()) > len(state):
             raise ValueError("PyTorch writes members without compression, but one is larger than the file")
     return io.BytesIO(state)
-
-
-def _paths(folder: Path) -> list[Path]:
-    """Returns the checkpoints in a folder, oldest first."""
-    return sorted(folder.glob(_PATTERN))
 
 
 def check_modules(states: Mapping[str, Any], modules: Mapping[str, Any]) -> None:

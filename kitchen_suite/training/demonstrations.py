@@ -135,9 +135,7 @@ def load_recording(
     )
 
 
-def _pictures(
-    observations: Sequence[Mapping[str, Any]], task: SuiteTask, chosen: NDArray[np.bool_]
-) -> dict[str, NDArray[np.uint8]]:
+def _pictures(observations: Sequence[Any], task: SuiteTask, chosen: NDArray[np.bool_]) -> dict[str, NDArray[np.uint8]]:
     """Returns the pictures `(m, h, w, 3)` of each camera in the chosen steps of episodes."""
     found = {}
     for camera in (picture.camera for picture in task.pictures.pictures if picture.kind == "pixels"):

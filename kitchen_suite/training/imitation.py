@@ -12,7 +12,12 @@ from vector_quantize_pytorch import ResidualVQ
 
 from kitchen_suite.policies import networks
 from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, ImitatedPolicy, TokenPolicy, time_features
-from kitchen_suite.training.hyperparameters import FlowHyperparameters, ImitationHyperparameters, TokenHyperparameters
+from kitchen_suite.training.hyperparameters import (
+    ChunkHyperparameters,
+    FlowHyperparameters,
+    ImitationHyperparameters,
+    TokenHyperparameters,
+)
 
 # Encoder and decoder of chunks are small beside the network that predicts codes.
 _CODER_WIDTH, _CODER_BLOCKS = 128, 1
@@ -91,14 +96,11 @@ class TorchEncoder(torch.nn.Module):
 
 def augmented(pictures: torch.Tensor, config: ImitationHyperparameters) -> torch.Tensor:
     """Returns pictures `(b, h, w, 3)`, uint8, displaced and tinted at random, as float32 in [0, 1]."""
-    count, height, width, _ = pictures.shape
-    shift = config.shift
+    (count, h, w, _), shift = pictures.shape, config.shift
     # Beyond the edge a picture goes on as at the edge. Slices of a wider copy take a fraction of the time of indices.
     wider = np.pad(pictures.numpy(), ((0, 0), (shift, shift), (shift, shift), (0, 0)), mode="edge")
     places = torch.randint(0, 2 * shift + 1, (count, 2)).tolist()
-    moved = np.stack(
-        [each[row : row + height, column : column + width] for each, (row, column) in zip(wider, places, strict=True)]
-    )
+    moved = np.stack([each[top : top + h, left : left + w] for each, (top, left) in zip(wider, places, strict=True)])
     gain, offset = (config.tint * (2 * torch.rand(count, 1, 1, 3) - 1) for _ in range(2))
     # (value - 0.5) (1 + gain) + 0.5 + offset / 2, of values in [0, 1].
     return torch.from_numpy(moved).float().div_(255).mul_(1 + gain).add_((offset - gain) / 2).clamp_(0, 1)
@@ -111,13 +113,29 @@ class Method(torch.nn.Module, abc.ABC):
       title: name of the algorithm.
       policy_class: class of the policies that it exports.
       hyperparameters: class of its hyperparameters.
+    """
+
+    title: ClassVar[str]
+    policy_class: ClassVar[type[ImitatedPolicy]] = ClonedPolicy
+    hyperparameters: ClassVar[type[ChunkHyperparameters]]
+
+    def update_targets(self) -> None:
+        """Moves target networks, if it has some, towards those that learn, after a step of the optimiser."""
+
+    def settings(self) -> dict[str, Any]:
+        """Returns the metadata that only policies of this algorithm have."""
+        return {}
+
+
+class ImitationMethod(Method):
+    """A method of imitation.
+
+    Attributes:
       network: that predicts from inputs.
       encoders: of the pictures of each camera, whose features are the last inputs; set by the learner where it sees.
     """
 
-    title: ClassVar[str]
-    policy_class: ClassVar[type[ImitatedPolicy]]
-    hyperparameters: ClassVar[type[ImitationHyperparameters]]
+    hyperparameters = ImitationHyperparameters
 
     network: TorchNetwork
     encoders: torch.nn.ModuleList
@@ -137,17 +155,11 @@ class Method(torch.nn.Module, abc.ABC):
         """Returns the policy's arrays beside those of networks."""
         return {}
 
-    def settings(self) -> dict[str, Any]:
-        """Returns the metadata that only policies of this algorithm have."""
-        return {}
 
-
-class Cloning(Method):
+class Cloning(ImitationMethod):
     """Behaviour cloning: the mean absolute error of chunks."""
 
     title = "Behaviour cloning"
-    policy_class = ClonedPolicy
-    hyperparameters = ImitationHyperparameters
 
     def __init__(self, inputs: int, outputs: int, config: ImitationHyperparameters) -> None:
         """Builds the network for `inputs` and `outputs` values."""
@@ -158,7 +170,7 @@ class Cloning(Method):
         return torch.nn.functional.l1_loss(self.network(inputs), chunks)
 
 
-class Flow(Method):
+class Flow(ImitationMethod):
     """Flow matching: the velocity of straight lines from noise to chunks, at times drawn from U(0, 1)."""
 
     title = "Flow matching"
@@ -183,7 +195,7 @@ class Flow(Method):
         return {"flow_steps": self._flow_steps}
 
 
-class Tokens(Method):
+class Tokens(ImitationMethod):
     """VQ-BeT: first an autoencoder of chunks with residual codes, then a classifier of codes with offsets of chunks."""
 
     title = "VQ-BeT"

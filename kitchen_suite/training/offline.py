@@ -8,7 +8,7 @@ from typing import Any, ClassVar, cast
 
 import torch
 
-from kitchen_suite.policies.imitated import ClonedPolicy, ImitatedPolicy, RankedPolicy
+from kitchen_suite.policies.imitated import RankedPolicy
 from kitchen_suite.training.hyperparameters import (
     IDQLHyperparameters,
     IQLHyperparameters,
@@ -16,7 +16,7 @@ from kitchen_suite.training.hyperparameters import (
     TD3BCHyperparameters,
     ValueHyperparameters,
 )
-from kitchen_suite.training.imitation import Flow, TorchNetwork
+from kitchen_suite.training.imitation import Flow, Method, TorchNetwork
 from kitchen_suite.training.transitions import Batch
 
 # Greatest weight of an action in the policy's loss of IQL.
@@ -26,20 +26,15 @@ _MAX_WEIGHT = 100.0
 _POLICY_DELAY = 2
 
 
-class OfflineMethod(torch.nn.Module, abc.ABC):
-    """Networks of an algorithm, and its loss.
+class OfflineMethod(Method):
+    """A method of offline reinforcement learning.
 
     Attributes:
-      title: name of the algorithm.
-      hyperparameters: class of its hyperparameters.
-      policy_class: class of the policies that it exports.
       reaches_goals: whether it learns to reach goals, rather than from recorded rewards.
       policy: the network that acts, from inputs `(b, n)` to chunks of actions `(b, c k)`.
     """
 
-    title: ClassVar[str]
-    hyperparameters: ClassVar[type[OfflineHyperparameters]]
-    policy_class: ClassVar[type[ImitatedPolicy]] = ClonedPolicy
+    hyperparameters = OfflineHyperparameters
     reaches_goals: ClassVar[bool] = False
 
     policy: TorchNetwork
@@ -60,15 +55,8 @@ class OfflineMethod(torch.nn.Module, abc.ABC):
         Values learn from `batch`, the policy from `policy_batch`: the same, but for the goals where there are any.
         """
 
-    def update_targets(self) -> None:
-        """Moves target networks towards those that learn, after a step of the optimiser."""
-
     def further_networks(self) -> dict[str, TorchNetwork]:
         """Returns the policy's networks beside `policy`, by name."""
-        return {}
-
-    def settings(self) -> dict[str, Any]:
-        """Returns the metadata that only policies of this algorithm have."""
         return {}
 
 
@@ -76,7 +64,6 @@ class Cloning(OfflineMethod):
     """Behaviour cloning of all recorded actions, those of failed episodes included."""
 
     title = "Behaviour cloning of all episodes"
-    hyperparameters = OfflineHyperparameters
 
     def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
         return torch.nn.functional.l1_loss(self.policy(policy_batch.inputs), policy_batch.chunks)

@@ -270,9 +270,8 @@ class Agent:
         observations = self.observation_scaler(torch.cat([batch.observations, batch.next_observations[None]]))
         outputs = self.value(observations)
         values = self.value_scaler.inverse(outputs).squeeze(-1)
-        estimates = advantages(
-            self._bootstrapped(batch), values, batch.ended, discount=config.discount, gae_lambda=config.gae_lambda
-        )
+        rewards = self._bootstrapped(batch)
+        estimates = advantages(rewards, values, batch.ended, discount=config.discount, gae_lambda=config.gae_lambda)
         returns = (estimates + values[:-1]).reshape(-1, 1)
         self.value_scaler.update(returns)
         return Samples(

@@ -22,7 +22,7 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec, SeededPolicies
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.demonstrations import Demonstrations, load_demonstrations
 from kitchen_suite.training.hyperparameters import ImitationHyperparameters, OfflineHyperparameters, checked_changes
-from kitchen_suite.training.imitation import METHODS, Method, TorchEncoder, TorchNetwork, augmented
+from kitchen_suite.training.imitation import METHODS, ImitationMethod, TorchEncoder, TorchNetwork, augmented
 from kitchen_suite.training.learner import DivergedError, Learner, Training
 from kitchen_suite.training.offline import OFFLINE_METHODS, OfflineMethod
 from kitchen_suite.training.transitions import GoalSampler, Sampler, Transitions, load_transitions
@@ -55,9 +55,8 @@ class RecordingLearner(Learner):
         return {"method": self._method, "average": self._average, "optimizer": self._optimizer}
 
     def learn(self) -> dict[str, float]:
-        started, losses = time.perf_counter(), []
-        for _ in range(min(_STEPS, self._num_steps - self.steps)):
-            losses.append(self._step())
+        started = time.perf_counter()
+        losses = [self._step() for _ in range(min(_STEPS, self._num_steps - self.steps))]
         seconds = time.perf_counter() - started
         return {self._loss_name: float(np.mean(losses)), "time/update_milliseconds": 1000 * seconds / len(losses)}
 
@@ -69,17 +68,14 @@ class RecordingLearner(Learner):
         self._optimizer.zero_grad()
         loss.backward()
         self._optimizer.step()
-        self._update_average()
+        self._method.update_targets()
+        self._average.update_parameters(self._learning)
         self.steps += 1
         return loss.item()
 
     @abc.abstractmethod
     def _draw_loss(self) -> torch.Tensor:
         """Returns the loss `()` of a batch that it draws."""
-
-    def _update_average(self) -> None:
-        """Adds the weights to their average, after a step of the optimiser."""
-        self._average.update_parameters(self._learning)
 
     def _export(self, metadata: Mapping[str, Any], networks: Mapping[str, TorchNetwork], **parts: Any) -> Any:
         """Returns a policy of networks, with further parts."""
@@ -106,7 +102,7 @@ class ImitationLearner(RecordingLearner):
     def __init__(
         self,
         demonstrations: Demonstrations,
-        method: type[Method],
+        method: type[ImitationMethod],
         config: ImitationHyperparameters,
         *,
         num_steps: int,
@@ -132,18 +128,16 @@ class ImitationLearner(RecordingLearner):
         built = method(own_size + config.features * len(self._pictures), config.chunk * self._actions.shape[1], config)
         if self._pictures:
             shapes = [each.shape for each in self._pictures.values()]
-            built.encoders = torch.nn.ModuleList(
-                TorchEncoder(height, width, config.features) for _, height, width, _ in shapes
-            )
+            built.encoders = torch.nn.ModuleList(TorchEncoder(h, w, config.features) for _, h, w, _ in shapes)
             self._metadata |= {"cameras": [*self._pictures], "image_size": [*shapes[0][1:3]]}
         self._metadata |= extras
         optimizer = torch.optim.AdamW(built.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
         super().__init__(built, built, optimizer, config, num_steps)
 
     @property
-    def averaged(self) -> Method:
+    def averaged(self) -> ImitationMethod:
         """The networks with the averaged weights, which act."""
-        return cast(Method, self._average.module)
+        return cast(ImitationMethod, self._average.module)
 
     def _draw_loss(self) -> torch.Tensor:
         indices = torch.randint(len(self._inputs), (self._config.batch_size,))
@@ -210,10 +204,6 @@ class OfflineLearner(RecordingLearner):
     def _draw_loss(self) -> torch.Tensor:
         return self._method.loss(*self._sampler.draw(), self.steps)
 
-    def _update_average(self) -> None:
-        self._method.update_targets()
-        super()._update_average()
-
     def export(self, metadata: Mapping[str, Any]) -> ImitatedPolicy:
         networks = {"network": cast(TorchNetwork, self._average.module), **self._method.further_networks()}
         return self._export(metadata, networks)
@@ -240,9 +230,7 @@ class RecordingTraining(Training):
     def __init__(self, settings: TrainSettings, spec: EnvironmentSpec, method: Any) -> None:
         """Checks the settings; `spec` is that of the environments that are evaluated in, `method` a class."""
         if not settings.demonstrations:
-            raise ValueError(
-                f"algorithm {settings.algorithm!r} needs --demonstrations, a folder written by kitchen-record"
-            )
+            raise ValueError(f"algorithm {settings.algorithm!r} needs --demonstrations, a folder of kitchen-record")
         for flag in ("initial_policy", "training_kwargs"):
             if getattr(settings, flag):
                 raise ValueError(f"--{flag} is for the algorithm 'ppo', not for {settings.algorithm!r}")

@@ -132,9 +132,8 @@ class PPOLearner(Learner):
         assert isinstance(action_space, spaces.Box)
         size = spaces.flatdim(environments.single_observation_space)
         self.agent = Agent(size, action_space, config)
-        self.batch, self._next_batch = (
-            Batch(config.rollouts, config.num_envs, size, len(config.action_scale)) for _ in range(2)
-        )
+        sizes = config.rollouts, config.num_envs, size, len(config.action_scale)
+        self.batch, self._next_batch = Batch(*sizes), Batch(*sizes)
         # Metrics of the batch that is learned from next; None before the first one.
         self._collected: dict[str, float] | None = None
         self._updates = concurrent.futures.ThreadPoolExecutor(1)
@@ -147,9 +146,7 @@ class PPOLearner(Learner):
     def modules(self) -> Mapping[str, Any]:
         return self.agent.modules
 
-    def imitate(
-        self, observations: NDArray[np.float32], actions: NDArray[np.float32], report: Callable[[float], None]
-    ) -> None:
+    def imitate(self, observations: NDArray, actions: NDArray, report: Callable[[float], None]) -> None:
         """Clones demonstrations, as `clone`; the next `value_batches` batches then train the value network alone."""
         clone(self.agent, observations, actions, self._config.clone_epochs, report)
         self._warm_up_values()
@@ -202,8 +199,7 @@ class PPOLearner(Learner):
 
         The first `value_batches` batches after cloning, or from a trained policy, train the value network alone (value
         warm-up): an untrained one would spoil the policy. Returns means by name: of the metrics of steps, of episodes
-        that ended, and of the agent's own. A DivergedError means that the learning rate is too high, or rewards are too
-        large.
+        that ended, and of the agent's own. A DivergedError means too high a learning rate, or too large rewards.
         """
         self._actor.refresh()
         if self._collected is None:
@@ -216,9 +212,8 @@ class PPOLearner(Learner):
         self.steps += self._config.batch_size
         for name, model in self.agent.networks.items():
             if not all(parameter.isfinite().all() for parameter in model.parameters()):
-                raise DivergedError(
-                    f"after {self.steps} steps the {name} network is no longer finite: lower the learning rate"
-                )
+                problem = f"the {name} network is no longer finite: lower the learning rate"
+                raise DivergedError(f"after {self.steps} steps {problem}")
         return means
 
     def _update(self) -> dict[str, float]:
@@ -241,9 +236,8 @@ class PPOLearner(Learner):
         """Makes a control step in all environments and adds it to a batch; returns its metrics."""
         batch.observations[step] = self._observations
         batch.actions[step] = self._actor.explore(self._observations)
-        observations, rewards, terminations, truncations, infos = self._environments.step(
-            self._applied(batch.actions[step])
-        )
+        applied = self._applied(batch.actions[step])
+        observations, rewards, terminations, truncations, infos = self._environments.step(applied)
         batch.rewards[step] = torch.as_tensor(rewards * self._config.reward_scale)
         ended = terminations | truncations
         batch.ended[step] = torch.as_tensor(ended)
@@ -266,16 +260,12 @@ class PPOLearner(Learner):
         return (actions * self.agent.policy.scale).numpy()
 
 
-def make_spec(
-    settings: TrainSettings, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
-) -> EnvironmentSpec:
-    """Returns the specification of environments of a run's task, with which `kitchen-play` can play the policy."""
-    spec = EnvironmentSpec.make(
-        domain_name=settings.domain_name,
-        task_name=settings.task_name,
-        task_kwargs=task_kwargs,
-        max_episode_steps=max_episode_steps,
-    )
+def make_spec(settings: TrainSettings, task_kwargs: Mapping[str, Any], limit: int | None = None) -> EnvironmentSpec:
+    """Returns the specification of environments of a run's task, with which `kitchen-play` can play the policy.
+
+    Episodes have at most `limit` control steps, by default as many as the domain's.
+    """
+    spec = EnvironmentSpec.make(settings.domain_name, settings.task_name, task_kwargs, limit)
     default, seeing = spec.env_class.obs_types[0], "pixels_agent_pos"
     learned = (default, seeing) if settings.algorithm in IMITATION else (default,)
     if (obs_type := spec.task_kwargs.get("obs_type") or default) not in learned:
@@ -306,9 +296,8 @@ class PPOTraining(Training):
             raise ValueError("--num_demonstrations is for the other algorithms; PPO clones all episodes")
         self._settings, self._spec = settings, spec
         self.training_kwargs = self._make_training_kwargs()
-        config = Hyperparameters.for_domain(
-            settings.domain_name, settings.hyperparameters, cloning=bool(settings.demonstrations)
-        )
+        cloning = bool(settings.demonstrations)
+        config = Hyperparameters.for_domain(settings.domain_name, settings.hyperparameters, cloning=cloning)
         arguments = {**settings.environment_kwargs, **self.training_kwargs}
         if (steps := arguments.pop("max_episode_steps", None)) is not None:
             checks.integer(steps, "max_episode_steps", minimum=1)

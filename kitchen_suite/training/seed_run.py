@@ -51,8 +51,7 @@ class StopReason(enum.Enum):
 class CurveWriter:
     """Writes scalars to an event file of TensorBoard.
 
-    It writes in the calling thread. `torch.utils.tensorboard.SummaryWriter` writes in a thread of its own, which prints
-    a traceback where the disk is full.
+    It writes in the calling thread; that of `torch.utils.tensorboard.SummaryWriter` prints a traceback on a full disk.
     """
 
     def __init__(self, folder: Path, *, first_step: int | None = None) -> None:

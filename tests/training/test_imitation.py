@@ -244,7 +244,7 @@ def test_demonstrations_of_other_tasks_are_refused_and_of_some_tasks_warned_of(i
 def test_a_run_trains_a_policy_that_observes_what_is_asked(imitate, tmp_path, algorithm):
     assert imitate(f"--algorithm={algorithm}")[0] == 0
     policy = load_policy(tmp_path / "run" / "policy.npz")
-    assert policy.tasks == ("kettle", "microwave", "light switch")
+    assert policy.given.tasks == ["kettle", "microwave", "light switch"]
     assert policy.metadata["algorithm"] == algorithm
     assert json.loads((tmp_path / "run" / "training.json").read_text())["algorithm"] == algorithm
     status, out, _ = imitate(f"--algorithm={algorithm}", "--resume")
@@ -254,7 +254,7 @@ def test_a_run_trains_a_policy_that_observes_what_is_asked(imitate, tmp_path, al
 def test_a_run_without_draws_trains_a_policy_that_does_not_observe_what_is_asked(imitate, tmp_path):
     assert imitate("--algorithm=bc", "--num_demonstrations=2", task_kwargs={})[0] == 0
     policy = load_policy(tmp_path / "run" / "policy.npz")
-    assert (policy.tasks, policy.metadata["state_size"]) == ((), 59)
+    assert (policy.given.tasks, policy.given.state_size) == ([], 59)
 
 
 BAD = {
