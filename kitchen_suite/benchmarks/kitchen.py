@@ -1,7 +1,4 @@
-"""Benchmark cases of the kitchen, and other implementations of it: Gymnasium-Robotics' and, where installed, EnvPool's.
-
-None of their episodes terminates.
-"""
+"""Benchmark cases of the kitchen, of Gymnasium-Robotics and, where installed, EnvPool; no episode terminates."""
 
 import contextlib
 import importlib.util

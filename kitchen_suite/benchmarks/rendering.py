@@ -140,8 +140,7 @@ def _renderer(environment: Environment, size: int) -> MujocoRenderer:
 def measure(renderers: Callable[[int], Mapping[str, MujocoRenderer]], *, rounds: int) -> list[dict[str, Any]]:
     """Measures all renderers in every round; returns the results for each of `SIZES`.
 
-    `renderers` builds them by name for a width and height [pixels]. The best of the rounds counts, since other programs
-    only make a frame slower.
+    `renderers` builds them by name for a size [pixels]. The best of the rounds counts: other programs only slow down.
     """
     return [_measure_size(size, renderers(size), rounds) for size in SIZES]
 

@@ -38,11 +38,11 @@ def format_heading(plan: EvaluationPlan) -> str:
     """Returns the line above the scores: what is evaluated, and on which episodes."""
     first, varied = plan.first, {spec.variations for spec in plan.specs.values()}
     each = " of each condition" if len(plan.specs) > 1 else ""
-    return (
-        f"{first.domain_name}, policy {policies.without_file(first.policy)}, protocol {plan.protocol}, "
-        f"{first.variations if len(varied) == 1 else 'variations by condition'}: "
-        f"{counted(plan.num_episodes)}{each}, seeds from {first.seed}"
+    variations = first.variations if len(varied) == 1 else "variations by condition"
+    played = (
+        f"{first.domain_name}, policy {policies.without_file(first.policy)}, protocol {plan.protocol}, {variations}"
     )
+    return f"{played}: {counted(plan.num_episodes)}{each}, seeds from {first.seed}"
 
 
 def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[str, Any]) -> str:
@@ -218,12 +218,8 @@ def as_json(plan: EvaluationPlan, scores: Mapping[str, Mapping[str, Any]]) -> di
     conditions = {name: {**task, **scores[name]} for name, task in description.pop("conditions").items()}
     is_own = plan.score or any(plan.measures.values())
     overall = PROTOCOLS[plan.protocol].overall(scores) if is_own else {}
-    return {
-        **description,
-        **next(iter(conditions.values())),
-        **({"overall": overall} if overall else {}),
-        "conditions": conditions,
-    }
+    of_all = {"overall": overall} if overall else {}
+    return {**description, **next(iter(conditions.values())), **of_all, "conditions": conditions}
 
 
 def check_receipt(plan: EvaluationPlan) -> None:
@@ -233,10 +229,8 @@ def check_receipt(plan: EvaluationPlan) -> None:
     episodes = plan.num_episodes * len(plan.specs)
     steps = episodes * plan.first.max_episode_steps
     if episodes > MAX_EPISODES or steps > MAX_STEPS:
-        raise ValueError(
-            f"a receipt holds at most {MAX_EPISODES:,} episodes and {MAX_STEPS:,} control steps, not {episodes:,} and "
-            f"{steps:,}: evaluate fewer episodes"
-        )
+        limits = f"at most {MAX_EPISODES:,} episodes and {MAX_STEPS:,} control steps"
+        raise ValueError(f"a receipt holds {limits}, not {episodes:,} and {steps:,}: evaluate fewer episodes")
 
 
 def play(

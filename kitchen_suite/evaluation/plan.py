@@ -40,10 +40,7 @@ class EvaluationPlan:
 
     @property
     def conditions(self) -> dict[str, Condition]:
-        """The protocol's condition by each name; one of no further measures where its task was replaced.
-
-        Goals are those of the protocol for any task.
-        """
+        """The protocol's condition by each name; where its task was replaced, one with its goals, but no measures."""
         protocol = PROTOCOLS[self.protocol]
         own = {(condition.name, condition.task_name): condition for condition in protocol.conditions}
         replaced = Condition(goals=protocol.conditions[0].goals)
@@ -208,13 +205,12 @@ def _unprepared(settings: EvaluateSettings) -> EvaluationPlan:
 
 
 def _values(plan: EvaluationPlan) -> dict[str, Any]:
-    first = plan.first
-    single = {"seed": first.seed, "num_episodes": plan.num_episodes, "max_episode_steps": first.max_episode_steps}
-    conditions = {name: _described(spec) for name, spec in plan.specs.items()}
-    for condition in conditions.values():
+    values = plan.description
+    for condition in values["conditions"].values():
         condition["task_kwargs"].pop("extra_observables", None)
         del condition["policy_sha256"]
-    return {**single, "conditions": [*conditions.items()]}
+    names = ("seed", "num_episodes", "max_episode_steps")
+    return {**{name: values[name] for name in names}, "conditions": [*values["conditions"].items()]}
 
 
 def find_protocol(name: str, domain_name: str) -> Protocol:

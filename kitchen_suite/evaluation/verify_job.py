@@ -146,11 +146,9 @@ def checked_plan(receipt: Receipt) -> EvaluationPlan:
     # Numbers of other types are equal, but read otherwise.
     if json.dumps(receipt.evaluation, sort_keys=True) != json.dumps(written, sort_keys=True):
         raise ValueError("the receipt was altered: its scores are not numbers of the types that are written")
-    if [*receipt.replaced] != plan.replaced:
-        raise ValueError(
-            f"{plan.replaced} are not the protocol's values, but the receipt names {[*receipt.replaced]}: it was "
-            "altered, or the protocol is another one here"
-        )
+    if (named := [*receipt.replaced]) != plan.replaced:
+        problem = f"{plan.replaced} are not the protocol's values, but the receipt names {named}"
+        raise ValueError(f"{problem}: it was altered, or the protocol is another one here")
     return plan
 
 

@@ -206,12 +206,11 @@ class ImitatedPolicy(StoredPolicy):
             {f"{name}.{key}": array for name, each in parts.items() for key, array in each.arrays.items()}
             for parts in (self.networks, encoders)
         )
-        return {**vars(self.scales), **networks, **self.tables, **encodings}
+        return {**self.scales._asdict(), **networks, **self.tables, **encodings}
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
-        names = {*Scales.names(), *cls.table_names}
-        if missing := sorted(names - arrays.keys()):
+        if missing := sorted({*Scales._fields, *cls.table_names} - arrays.keys()):
             raise ValueError(f"missing arrays {missing}")
         scales = Scales.take(arrays)
         networks = {name: ResidualNetwork.take(arrays, name) for name in cls.network_names}

@@ -145,10 +145,8 @@ class RecordingJob:
             buffer.step(environment, action)
         episode = buffer.episode(environment, seed - self._spec.seed, seed)
         if differing := _differing(columns, self._layout.columns(environment, self._spec, episode)):
-            raise OSError(
-                f"{where} plays otherwise here, with another {differing}: it was changed, made elsewhere, or did not "
-                "begin as a reset with its seed alone does"
-            )
+            causes = "it was changed, made elsewhere, or did not begin as a reset with its seed alone does"
+            raise OSError(f"{where} plays otherwise here, with another {differing}: {causes}")
         return episode
 
 

@@ -63,9 +63,9 @@ class D4RLPlan(ExportPlan):
     package = ("h5py", "record")
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
-        with GrowingFile(folder / self.path.name) as file:
+        with new_file(folder / self.path.name) as file:
             for episode in episodes:
-                file.append(self.columns(environment, self.spec, episode))
+                append(file, self.columns(environment, self.spec, episode))
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
@@ -107,37 +107,30 @@ def relay_observations(environment: SuiteEnv, episode: EpisodeArrays) -> NDArray
     return np.concatenate([observations[:, POSITIONS], goals], axis=1)
 
 
-class GrowingFile:
-    """Datasets of an HDF5 file to which rows are added, and from which an error of a full disk leaves nothing."""
+def new_file(path: Path) -> Any:
+    """Opens a new HDF5 file, in which an error of a full disk leaves nothing if rows are added by `append`."""
+    exports.check_room(path.parent, _OVERHEAD)
+    return importlib.import_module("h5py").File(path, "w")
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        exports.check_room(path.parent, _OVERHEAD)
-        self.file: Any = importlib.import_module("h5py").File(path, "w")
 
-    def __enter__(self) -> "GrowingFile":
-        return self
+def reserve(file: Any, size: int) -> None:
+    """Raises an OSError unless the disk has room for `size` bytes more: HDF5 fails late, and with other errors."""
+    file.flush()
+    exports.check_room(Path(file.filename).parent, _OVERHEAD + size)
 
-    def __exit__(self, *exception: object) -> None:
-        self.file.close()
 
-    def reserve(self, size: int) -> None:
-        """Raises an OSError unless the disk has room for `size` bytes more: HDF5 fails late, and with other errors."""
-        self.file.flush()
-        exports.check_room(self.path.parent, _OVERHEAD + size)
-
-    def append(self, arrays: Mapping[str, NDArray]) -> None:
-        self.reserve(sum(_OVERHEAD + 2 * rows.nbytes for rows in arrays.values()))
-        for name, rows in arrays.items():
-            if name not in self.file:
-                shape = rows.shape[1:]
-                chunk = (max(1, min(1024, 2**18 // max(1, rows[:1].nbytes))), *shape)
-                self.file.create_dataset(
-                    name, (0, *shape), rows.dtype, maxshape=(None, *shape), chunks=chunk, compression="gzip"
-                )
-            dataset = self.file[name]
-            dataset.resize(len(dataset) + len(rows), axis=0)
-            dataset[len(dataset) - len(rows) :] = rows
+def append(file: Any, arrays: Mapping[str, NDArray]) -> None:
+    """Adds rows to the datasets of an HDF5 file, which are made where they are missing."""
+    reserve(file, sum(_OVERHEAD + 2 * rows.nbytes for rows in arrays.values()))
+    for name, rows in arrays.items():
+        if name not in file:
+            shape = rows.shape[1:]
+            chunks = (max(1, min(1024, 2**18 // max(1, rows[:1].nbytes))), *shape)
+            options = {"maxshape": (None, *shape), "chunks": chunks, "compression": "gzip"}
+            file.create_dataset(name, (0, *shape), rows.dtype, **options)
+        dataset = file[name]
+        dataset.resize(len(dataset) + len(rows), axis=0)
+        dataset[len(dataset) - len(rows) :] = rows
 
 
 def datasets_of(group: Any) -> dict[str, Any]:
@@ -162,18 +155,18 @@ class RobomimicPlan(ExportPlan):
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
         spec, total = self.spec, 0
-        with GrowingFile(folder / self.path.name) as file:
-            data = file.file.create_group("data")
+        with new_file(folder / self.path.name) as file:
+            data = file.create_group("data")
             for number, episode in enumerate(episodes):
                 columns = self.columns(environment, spec, episode)
-                file.append({f"data/demo_{number}/{name}": rows for name, rows in columns.items()})
+                append(file, {f"data/demo_{number}/{name}": rows for name, rows in columns.items()})
                 group = data[f"demo_{number}"]
                 group.attrs["num_samples"], group.attrs["seed"] = episode.steps, episode.seed
                 model = suite_env(environment).composer_task.root_entity.mjcf_model.to_xml_string()
-                file.reserve(len(model.encode()))
+                reserve(file, len(model.encode()))
                 group.attrs["model_file"] = model
                 total += episode.steps
-            file.reserve(_ROW_BYTES * count)
+            reserve(file, _ROW_BYTES * count)
             data.attrs["total"] = total
             own = suite.task_arguments(spec.domain_name, spec.task_name)
             arguments = {"env_name": suite.find_domain(spec.domain_name).env_id, "type": _GYM_TYPE}
@@ -181,7 +174,7 @@ class RobomimicPlan(ExportPlan):
             first = count // _VALIDATION
             for name, numbers in {"train": range(first, count), "valid": range(first)}.items():
                 if numbers:
-                    file.file[f"mask/{name}"] = [f"demo_{number}".encode() for number in numbers]
+                    file[f"mask/{name}"] = [f"demo_{number}".encode() for number in numbers]
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:

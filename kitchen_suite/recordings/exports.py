@@ -208,10 +208,8 @@ def physics_states(environment: gymnasium.Env, spec: EpisodeSpec, episode: Episo
         if step < episode.steps:
             buffer.step(environment, episode.arrays["action"][step])
         if differing := buffer.differing(episode.arrays):
-            raise OSError(
-                f"the episode of seed {episode.seed} does not play again here, where its {differing} differs: it was "
-                "recorded elsewhere"
-            )
+            problem = f"the episode of seed {episode.seed} does not play again here, where its {differing} differs"
+            raise OSError(f"{problem}: it was recorded elsewhere")
     return np.stack(states)
 
 

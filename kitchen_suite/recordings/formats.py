@@ -189,7 +189,5 @@ def find_source(name: str, root: Path | None = None) -> Source:
     if folder.exists():
         hint = f": name its folder, {folder.parent}" if (folder.parent / SPEC_FILE).is_file() else ""
         raise ValueError(f"{name} holds neither {SPEC_FILE} nor a {titles} dataset{hint}")
-    raise FileNotFoundError(
-        f"there is no folder {name}, and no {titles} dataset of that name on this machine; `minari download` gets "
-        "datasets of Minari, whose names end in -v0"
-    )
+    problem = f"there is no folder {name}, and no {titles} dataset of that name on this machine"
+    raise FileNotFoundError(f"{problem}; `minari download` gets datasets of Minari, whose names end in -v0")

@@ -71,10 +71,9 @@ class D4RLData:
         self._scene, arrays = scene, _read_hdf5(path)
         for name in ("observations", "actions", "terminals"):
             if name not in arrays:
-                raise ValueError(
-                    f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals; one that "
-                    f"kitchen-record made for another program needs its record beside it, {record_file(path).name}"
-                )
+                problem = f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals"
+                other = "one that kitchen-record made for another program needs its record beside it"
+                raise ValueError(f"{problem}; {other}, {record_file(path).name}")
         count = np.atleast_1d(arrays["observations"]).shape[0]
         shape = (count, 2 * POSITIONS.size)
         _check_shape(arrays["observations"], shape, f"observations of {path}", "30 positions and 30 goals")
@@ -169,10 +168,8 @@ def _check_shape(array: NDArray, shape: tuple[int, ...], what: str, meaning: str
 def _check_actions(actions: NDArray, steps: int, what: str) -> None:
     _check_shape(actions, (steps, ACTION_SIZE), what, "nine joint velocities")
     if (greatest := np.abs(actions).max(initial=0.0)) > 1.0 + ROUNDING:
-        raise ValueError(
-            f"{what} reach {greatest:.3g}: they are no joint velocities in [-1, 1], in units of 2 rad/s; absolute "
-            "positions, as Diffusion Policy has them, are not converted"
-        )
+        problem = f"{what} reach {greatest:.3g}: they are no joint velocities in [-1, 1], in units of 2 rad/s"
+        raise ValueError(f"{problem}; absolute positions, as Diffusion Policy has them, are not converted")
 
 
 def convert(

@@ -99,10 +99,7 @@ def _checked(contents: bytes) -> io.BytesIO:
 
 
 def check_modules(states: Mapping[str, Any], modules: Mapping[str, Any]) -> None:
-    """Raises a ValueError unless state dicts have the keys, shapes and types of those of modules, by name.
-
-    Damaged state dicts may raise any other exception.
-    """
+    """Raises a ValueError, for damaged state dicts any error, unless keys, shapes and types are those of modules."""
     if states.keys() != modules.keys():
         raise ValueError(f"the modules must be {[*modules]}, got {[*states]}")
     for name, module in modules.items():

@@ -200,10 +200,8 @@ class Hyperparameters:
         """Returns the defaults of a domain, as of `defaults`, with some values changed; see `checked_changes`."""
         config = checked_changes(cls.defaults(domain_name, cloning=cloning), changes)
         if config.batch_size % config.mini_batches:
-            raise ValueError(
-                f"mini_batches {config.mini_batches} must divide the {config.batch_size} steps of a batch "
-                "(num_envs * rollouts)"
-            )
+            steps = f"{config.batch_size} steps of a batch (num_envs * rollouts)"
+            raise ValueError(f"mini_batches {config.mini_batches} must divide the {steps}")
         if config.noise_correlation >= 1:
             raise ValueError(f"noise_correlation must be below 1, got {config.noise_correlation}")
         return config

@@ -113,11 +113,21 @@ class Method(torch.nn.Module, abc.ABC):
       title: name of the algorithm.
       policy_class: class of the policies that it exports.
       hyperparameters: class of its hyperparameters.
+      network: that acts, from inputs `(b, m)` to chunks of actions `(b, n)` or to numbers that determine them.
     """
 
     title: ClassVar[str]
     policy_class: ClassVar[type[ImitatedPolicy]] = ClonedPolicy
     hyperparameters: ClassVar[type[ChunkHyperparameters]]
+
+    def __init__(self, inputs: int, outputs: int, config: Any) -> None:
+        """Builds the networks for `inputs` and `outputs` values."""
+        super().__init__()
+        self.config = config
+        self.network = self._make_network(inputs, outputs)
+
+    def _make_network(self, inputs: int, outputs: int) -> TorchNetwork:
+        return TorchNetwork(inputs, outputs, width=self.config.width, blocks=self.config.blocks)
 
     def update_targets(self) -> None:
         """Moves target networks, if it has some, towards those that learn, after a step of the optimiser."""
@@ -131,13 +141,11 @@ class ImitationMethod(Method):
     """A method of imitation.
 
     Attributes:
-      network: that predicts from inputs.
       encoders: of the pictures of each camera, whose features are the last inputs; set by the learner where it sees.
     """
 
     hyperparameters = ImitationHyperparameters
 
-    network: TorchNetwork
     encoders: torch.nn.ModuleList
 
     def see(self, inputs: torch.Tensor, pictures: Sequence[torch.Tensor]) -> torch.Tensor:
@@ -161,11 +169,6 @@ class Cloning(ImitationMethod):
 
     title = "Behaviour cloning"
 
-    def __init__(self, inputs: int, outputs: int, config: ImitationHyperparameters) -> None:
-        """Builds the network for `inputs` and `outputs` values."""
-        super().__init__()
-        self.network = TorchNetwork(inputs, outputs, width=config.width, blocks=config.blocks)
-
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
         return torch.nn.functional.l1_loss(self.network(inputs), chunks)
 
@@ -177,12 +180,8 @@ class Flow(ImitationMethod):
     policy_class = FlowPolicy
     hyperparameters = FlowHyperparameters
 
-    def __init__(self, inputs: int, outputs: int, config: FlowHyperparameters) -> None:
-        """Builds the network for `inputs` and `outputs` values."""
-        super().__init__()
-        size = inputs + outputs + len(time_features(0.0))
-        self.network = TorchNetwork(size, outputs, width=config.width, blocks=config.blocks)
-        self._flow_steps = config.flow_steps
+    def _make_network(self, inputs: int, outputs: int) -> TorchNetwork:
+        return super()._make_network(inputs + outputs + len(time_features(0.0)), outputs)
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
         noise, time = torch.randn_like(chunks), torch.rand(len(chunks), 1)
@@ -192,7 +191,7 @@ class Flow(ImitationMethod):
         return torch.nn.functional.mse_loss(velocity, chunks - noise)
 
     def settings(self) -> dict[str, Any]:
-        return {"flow_steps": self._flow_steps}
+        return {"flow_steps": self.config.flow_steps}
 
 
 class Tokens(ImitationMethod):
@@ -202,11 +201,8 @@ class Tokens(ImitationMethod):
     policy_class = TokenPolicy
     hyperparameters = TokenHyperparameters
 
-    def __init__(self, inputs: int, outputs: int, config: TokenHyperparameters) -> None:
-        """Builds the networks for `inputs` and `outputs` values."""
-        super().__init__()
-        self._config, self._outputs = config, outputs
-        coder = {"width": _CODER_WIDTH, "blocks": _CODER_BLOCKS}
+    def _make_network(self, inputs: int, outputs: int) -> TorchNetwork:
+        config, coder = self.config, {"width": _CODER_WIDTH, "blocks": _CODER_BLOCKS}
         self.encoder = TorchNetwork(outputs, config.latent, **coder)
         self.decoder = TorchNetwork(config.latent, outputs, **coder)
         self.quantizer = ResidualVQ(
@@ -218,11 +214,10 @@ class Tokens(ImitationMethod):
             commitment_weight=_COMMITMENT,
             threshold_ema_dead_code=2,
         )
-        size = config.codebooks * config.codes * (1 + outputs)
-        self.network = TorchNetwork(inputs, size, width=config.width, blocks=config.blocks)
+        return super()._make_network(inputs, config.codebooks * config.codes * (1 + outputs))
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
-        config = self._config
+        config, size = self.config, chunks.shape[1]
         if step < config.quantizer_steps:
             self.quantizer.train()
             latent, _, commitment = self.quantizer(self.encoder(chunks))
@@ -232,11 +227,11 @@ class Tokens(ImitationMethod):
             latent, codes, _ = self.quantizer(self.encoder(chunks))
             decoded = self.decoder(latent)
         count = config.codebooks * config.codes
-        logits, offsets = self.network(inputs).split([count, count * self._outputs], dim=1)
+        logits, offsets = self.network(inputs).split([count, count * size], dim=1)
         logits = logits.reshape(-1, config.codebooks, config.codes)
         likelihood = torch.nn.functional.cross_entropy(logits.flatten(0, 1), codes.flatten())
-        offsets = offsets.reshape(-1, config.codebooks, config.codes, self._outputs)
-        chosen = offsets.gather(2, codes[..., None, None].expand(-1, -1, 1, self._outputs)).sum(dim=(1, 2))
+        offsets = offsets.reshape(-1, config.codebooks, config.codes, size)
+        chosen = offsets.gather(2, codes[..., None, None].expand(-1, -1, 1, size)).sum(dim=(1, 2))
         return likelihood + config.offset_scale * torch.nn.functional.l1_loss(decoded + chosen, chunks)
 
     def tables(self) -> dict[str, NDArray[np.float32]]:

@@ -31,22 +31,10 @@ class OfflineMethod(Method):
 
     Attributes:
       reaches_goals: whether it learns to reach goals, rather than from recorded rewards.
-      policy: the network that acts, from inputs `(b, n)` to chunks of actions `(b, c k)`.
     """
 
     hyperparameters = OfflineHyperparameters
     reaches_goals: ClassVar[bool] = False
-
-    policy: TorchNetwork
-
-    def __init__(self, inputs: int, actions: int, config: Any) -> None:
-        """Builds the networks for `inputs` and `actions` values."""
-        super().__init__()
-        self.config = config
-        self.policy = self._make_policy(inputs, actions)
-
-    def _make_policy(self, inputs: int, actions: int) -> TorchNetwork:
-        return TorchNetwork(inputs, actions, width=self.config.width, blocks=self.config.blocks)
 
     @abc.abstractmethod
     def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
@@ -56,7 +44,7 @@ class OfflineMethod(Method):
         """
 
     def further_networks(self) -> dict[str, TorchNetwork]:
-        """Returns the policy's networks beside `policy`, by name."""
+        """Returns the policy's networks beside `network`, by name."""
         return {}
 
 
@@ -66,7 +54,7 @@ class Cloning(OfflineMethod):
     title = "Behaviour cloning of all episodes"
 
     def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
-        return torch.nn.functional.l1_loss(self.policy(policy_batch.inputs), policy_batch.chunks)
+        return torch.nn.functional.l1_loss(self.network(policy_batch.inputs), policy_batch.chunks)
 
 
 class Value(torch.nn.Module):
@@ -156,7 +144,7 @@ class IQL(ImplicitQ):
     def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
         with torch.no_grad():
             weights = (self.config.temperature * self._advantages(policy_batch)).exp().clamp(max=_MAX_WEIGHT)
-        errors = (self.policy(policy_batch.inputs) - policy_batch.chunks).abs().mean(dim=1)
+        errors = (self.network(policy_batch.inputs) - policy_batch.chunks).abs().mean(dim=1)
         return self._value_loss(batch) + (weights * errors).mean()
 
 
@@ -170,8 +158,8 @@ class IDQL(ImplicitQ):
     hyperparameters = IDQLHyperparameters
     policy_class = RankedPolicy
 
-    def _make_policy(self, inputs: int, actions: int) -> TorchNetwork:
-        self.flow = Flow(inputs, actions, self.config)
+    def _make_network(self, inputs: int, outputs: int) -> TorchNetwork:
+        self.flow = Flow(inputs, outputs, self.config)
         return self.flow.network
 
     def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
@@ -197,7 +185,7 @@ class TD3BC(OfflineMethod):
     def __init__(self, inputs: int, actions: int, config: TD3BCHyperparameters) -> None:
         super().__init__(inputs, actions, config)
         self.critics = Critics(inputs, actions, config)
-        self.policy_target = copy.deepcopy(self.policy).requires_grad_(False)
+        self.policy_target = copy.deepcopy(self.network).requires_grad_(False)
 
     def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
         config = self.config
@@ -209,7 +197,7 @@ class TD3BC(OfflineMethod):
         return loss if step % _POLICY_DELAY else loss + self._policy_loss(policy_batch)
 
     def _policy_loss(self, policy_batch: Batch) -> torch.Tensor:
-        chosen = self.policy(policy_batch.inputs)
+        chosen = self.network(policy_batch.inputs)
         first = self.critics.networks[0]
         # The policy's loss trains the policy alone.
         frozen = {name: parameter.detach() for name, parameter in first.named_parameters()}
@@ -221,7 +209,7 @@ class TD3BC(OfflineMethod):
 
     def update_targets(self) -> None:
         self.critics.update_targets()
-        _move(self.policy_target, self.policy, self.config.target_rate)
+        _move(self.policy_target, self.network, self.config.target_rate)
 
 
 class GoalCloning(Cloning):

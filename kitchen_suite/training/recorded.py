@@ -89,9 +89,8 @@ class RecordingLearner(Learner):
         )
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
-        return PolicyController(
-            environments, SeededPolicies(lambda environment, generator: policy.episode(environment.task, generator))
-        )
+        episodes = SeededPolicies(lambda environment, generator: policy.episode(environment.task, generator))
+        return PolicyController(environments, episodes)
 
 
 class ImitationLearner(RecordingLearner):
@@ -186,14 +185,13 @@ class OfflineLearner(RecordingLearner):
         self._sampler = GoalSampler(*recorded, elements=goal_elements) if goal_elements else Sampler(*recorded)
         # Goals are standardised as the elements of the state that they have.
         elements = [*range(inputs.shape[1]), *goal_elements]
-        self._scales = dataclasses.replace(
-            scales, input_mean=scales.input_mean[elements], input_deviation=scales.input_deviation[elements]
-        )
+        mean, deviation = scales.input_mean[elements], scales.input_deviation[elements]
+        self._scales = scales._replace(input_mean=mean, input_deviation=deviation)
         built = method(len(elements), config.chunk * actions.shape[1], config)
         self._metadata = {"method": built.title, **metadata}
         learning: Iterable[torch.nn.Parameter] = (each for each in built.parameters() if each.requires_grad)
         optimizer = torch.optim.Adam(learning, lr=config.learning_rate, fused=True)
-        super().__init__(built, built.policy, optimizer, config, num_steps)
+        super().__init__(built, built.network, optimizer, config, num_steps)
 
     def learn(self) -> dict[str, float]:
         metrics = super().learn()
@@ -270,16 +268,13 @@ class OfflineTraining(RecordingTraining):
         super().__init__(settings, spec, OFFLINE_METHODS[settings.algorithm])
         reaches, inputs = self._method.reaches_goals, self._inputs
         if reaches and inputs.goal_place is None:
-            raise ValueError(
-                f"algorithm {settings.algorithm!r} needs a task that observes goal states: "
-                "--task_kwargs='{\"goal_states\": 1}' in the kitchen"
-            )
+            flag = "--task_kwargs='{\"goal_states\": 1}' in the kitchen"
+            raise ValueError(f"algorithm {settings.algorithm!r} needs a task that observes goal states: {flag}")
         # Goals stand for requests, which most recordings do not have.
         tasks = () if reaches else self._tasks
         elements = inputs.goal_elements if reaches else ()
-        found = load_transitions(
-            settings.demonstrations, spec, tasks, settings.num_demonstrations, with_rewards=not reaches
-        )
+        folders, counts = settings.demonstrations, settings.num_demonstrations
+        found = load_transitions(folders, spec, tasks, counts, with_rewards=not reaches)
         goals = {"goal_size": len(elements)} if reaches else {}
         metadata = {"state_size": inputs.state_size, "tasks": [*tasks], **goals, **self._extras}
         options: dict[str, Any] = {"num_steps": self._num_steps, "goal_elements": elements, "metadata": metadata}

@@ -149,14 +149,11 @@ class PPOLearner(Learner):
     def imitate(self, observations: NDArray, actions: NDArray, report: Callable[[float], None]) -> None:
         """Clones demonstrations, as `clone`; the next `value_batches` batches then train the value network alone."""
         clone(self.agent, observations, actions, self._config.clone_epochs, report)
-        self._warm_up_values()
+        self._standardised, self.warmup_batches = True, self._config.value_batches
 
     def adopt(self, policy: TrainedPolicy) -> None:
         """Starts from a trained policy; the next `value_batches` batches train the value network alone."""
         adopt_policy(self.agent, policy)
-        self._warm_up_values()
-
-    def _warm_up_values(self) -> None:
         self._standardised, self.warmup_batches = True, self._config.value_batches
 
     def start(self, seed: int) -> None:
@@ -224,7 +221,6 @@ class PPOLearner(Learner):
 
     def _collect(self, batch: Batch) -> dict[str, float]:
         """Makes the control steps of a batch; returns the means of the metrics of steps and ended episodes, by name."""
-        batch.clear()
         collected: dict[str, list[NDArray]] = collections.defaultdict(list)
         for step in range(self._config.rollouts):
             for name, values in self._step(batch, step).items():
@@ -241,11 +237,12 @@ class PPOLearner(Learner):
         batch.rewards[step] = torch.as_tensor(rewards * self._config.reward_scale)
         ended = terminations | truncations
         batch.ended[step] = torch.as_tensor(ended)
+        batch.truncated[step] = torch.as_tensor(truncations & ~terminations)
         self._observations = self._tensor(observations)
         metrics = {"step/reward": rewards, **_step_metrics(infos)}
         if ended.any():
             for i in np.flatnonzero(truncations & ~terminations).tolist():
-                batch.add_truncated(step, i, self._tensor(infos["final_obs"][i]))
+                batch.last_observations[step, i] = self._tensor(infos["final_obs"][i])
             of_episodes = episode_metrics(self._task, infos["final_info"])
             metrics |= {name: values[ended] for name, values in of_episodes.items()}
             metrics |= self._balance.add(infos["final_info"], ended) if self._balance else {}
@@ -269,10 +266,8 @@ def make_spec(settings: TrainSettings, task_kwargs: Mapping[str, Any], limit: in
     default, seeing = spec.env_class.obs_types[0], "pixels_agent_pos"
     learned = (default, seeing) if settings.algorithm in IMITATION else (default,)
     if (obs_type := spec.task_kwargs.get("obs_type") or default) not in learned:
-        raise ValueError(
-            f"obs_type {obs_type!r} cannot be trained on with {settings.algorithm!r}: policies "
-            f"take the domain's default, {default!r}; those of imitation also {seeing!r}"
-        )
+        taken = f"policies take the domain's default, {default!r}; those of imitation also {seeing!r}"
+        raise ValueError(f"obs_type {obs_type!r} cannot be trained on with {settings.algorithm!r}: {taken}")
     spec.make_environment().close()
     return spec
 
@@ -303,10 +298,8 @@ class PPOTraining(Training):
             checks.integer(steps, "max_episode_steps", minimum=1)
         training = make_spec(settings, arguments, steps)
         self.max_episode_steps = training.max_episode_steps
-        options = spec.env_class.flat_options
-        self.environments = training.make_vector_env(
-            config.num_envs, settings.num_threads, AutoresetMode.SAME_STEP, **options
-        )
+        options = {"autoreset_mode": AutoresetMode.SAME_STEP, **spec.env_class.flat_options}
+        self.environments = training.make_vector_env(config.num_envs, settings.num_threads, **options)
         task = self.environments.composer_task
         self.config = config.for_actions(task.mdp.action_mode.spec(task.robot))
         self._initial_policy, self.demonstrations = self._load_initial_policy(), self._load_demonstrations()
@@ -367,8 +360,7 @@ class PPOTraining(Training):
         loaded = [load_to_clone(folder, self._spec) for folder in self._settings.demonstrations]
         for folder, arrays in zip(self._settings.demonstrations, loaded, strict=True):
             if (found := tuple(array.shape[1:] for array in arrays)) != expected:
-                raise ValueError(
-                    f"{folder} holds observations and actions of shapes {found}, but this task has {expected}"
-                )
+                problem = f"observations and actions of shapes {found}, but this task has {expected}"
+                raise ValueError(f"{folder} holds {problem}")
         observations, actions = map(np.concatenate, zip(*loaded, strict=True))
         return observations, actions

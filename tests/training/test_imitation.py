@@ -338,7 +338,11 @@ def test_a_policy_names_its_extra_observables_and_the_default_layout(tmp_path, c
     arguments = [f"--demonstrations={folder}", f"--output={run}", "--variations=layout"]
     assert train.main(["--domain_name=kitchen", *shared, *arguments, *quick, hyperparameters]) == 0
     policy = load_policy(run / "policy.npz")
-    assert policy.given.extra_observables == {"franka/base_pose": 7, "microwave/pose": 7, "microwave/handle_positions": 3}
+    assert policy.given.extra_observables == {
+        "franka/base_pose": 7,
+        "microwave/pose": 7,
+        "microwave/handle_positions": 3,
+    }
     with suite.load("kitchen", "kettle", {"visuals": False, "extra_observables": names}) as environment:
         observed = environment.reset().observation
     assert policy.given.layout.keys() == {"franka/base_pose", "microwave/pose"}
