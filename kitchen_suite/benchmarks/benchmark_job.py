@@ -114,10 +114,9 @@ def _run_speed(domain: BenchmarkDomain, settings: BenchmarkSettings, num_envs: S
 
 def speed_tables(results: Mapping[str, Any]) -> list[Table]:
     """Returns tables of the cases' ratios to bare MuJoCo, of the named ratios, and of the overhead beyond physics."""
-    cases = [
-        (name, *_statistics(row), f"{row['ratio_per_thread']:.2f}", f"{row['steps_per_second']:.0f}")
-        for name, row in results["results"].items()
-    ]
+    cases = []
+    for name, row in results["results"].items():
+        cases.append((name, *_statistics(row), f"{row['ratio_per_thread']:.2f}", f"{row['steps_per_second']:.0f}"))
     ratios = [(name, *_statistics(row)) for name, row in results["ratios"].items()]
     overhead = [(name, f"{microseconds:.1f}") for name, microseconds in results["overhead"].items()]
     return [
@@ -157,10 +156,9 @@ def rendering_tables(results: Mapping[str, Any]) -> list[Table]:
         (name, f"{row['ratio']:.1f}", f"{1 / row['times']['frame']:.1f}", str(row["num_faces"])) for name, row in rows
     ]
     parts = [(name, *map(_milliseconds, row["times"].values())) for name, row in rows]
-    contents = [
-        (content, *(_milliseconds(row["contents"][content]) for row in renderers.values()))
-        for content in renderers[first]["contents"]
-    ]
+    contents = []
+    for content in renderers[first]["contents"]:
+        contents.append((content, *(_milliseconds(row["contents"][content]) for row in renderers.values())))
     return [
         (("frames", f"ratio to {first}", "frames/s", "faces of meshes"), frames),
         (("parts of a frame [ms]", *rows[0][1]["times"]), parts),

@@ -29,9 +29,7 @@ from kitchen_suite.rendering import gl
 Rates = dict[str, list[float]]
 
 _SOAK_SAMPLES = 20
-
-# Number of EnvPool's environments that still fit into the memory of common machines.
-_MAX_ENVPOOL = 128
+_MAX_ENVPOOL = 128  # Number of EnvPool's environments that still fit into the memory of common machines.
 
 
 def measure_rates(domain: BenchmarkDomain, cases: Mapping[str, Case], *, rounds: int, steps: int) -> Rates:

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 States = NDArray[np.float64]
 
-# The state among the 59 numbers that the kitchen observes.
-STATE = np.r_[0:9, 18:39]
+STATE = np.r_[0:9, 18:39]  # The state among the 59 numbers that the kitchen observes.
 
 # Objects of LEXA's goals: columns and values; `envs/kitchen.py` of orybkin/lexa-benchmark, lines 139 to 156.
 _LEXA_VALUES: Mapping[str, Mapping[int, float]] = MappingProxyType(
@@ -43,8 +42,7 @@ _EARL_GOAL = np.array(
     [2.456005e-05, 2.9547007e-07, *[2.4559975e-05, 2.954692e-07] * 3, 2.161876e-05, 5.0806757e-06, 0.0, 0.0, 0.0, 0.0]
 )
 
-# Positions of the robot's joints in the goal that GAS gives its policy; `D_utils/kitchen_utils.py` of
-# qortmdgh4141/GAS, line 43.
+# Positions of the robot's joints in the goals of GAS; `D_utils/kitchen_utils.py` of qortmdgh4141/GAS, line 43.
 GAS_ROBOT = (
     *(-2.4308119, -1.4440080, 1.0221981, -1.7869282, 0.18872257, 1.6170777, 1.2863032),
     *(0.025421469, 0.0074267522),

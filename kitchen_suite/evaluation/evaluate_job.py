@@ -196,18 +196,15 @@ class EvaluateJob:
 
     def _play(self, name: str, spec: EpisodeSpec, bar: EpisodeBar) -> None:
         plan = self._plan
-        waiting = collections.deque(
-            (index, seed)
-            for (condition, index), seed in self._seeds.items()
-            if condition == name and (condition, index) not in self._folder.results
-        )
+        missing = (index for index in range(plan.num_episodes) if (name, index) not in self._folder.results)
+        waiting = collections.deque((index, spec.seed + index) for index in missing)
         if not waiting:
             return
         num_envs = spec.num_envs(len(waiting), self._settings.num_envs)
         with contextlib.closing(spec.make_vector_env(num_envs, self._settings.num_threads)) as environments:
             controller = PolicyController(environments, spec.episode_policies())
-            recorded = self._settings.receipt is not None
-            for result, trace in play(name, plan, environments, controller, waiting, recorded=recorded):
+            kept = self._settings.receipt is not None
+            for result, trace in play(name, plan, environments, controller, waiting, kept=kept):
                 self._folder.add(dataclasses.replace(result, trace=trace.as_text()) if trace else result)
                 bar.count(result.success)
 
@@ -234,20 +231,14 @@ def check_receipt(plan: EvaluationPlan) -> None:
 
 
 def play(
-    name: str,
-    plan: EvaluationPlan,
-    environments: SuiteVectorEnv,
-    controller: Controller,
-    waiting: Waiting,
-    *,
-    recorded: bool,
+    name: str, plan: EvaluationPlan, environments: SuiteVectorEnv, controller: Controller, waiting: Waiting, kept: bool
 ) -> Iterator[tuple[EpisodeResult, Trace | None]]:
     """Yields result and trace of each episode of the condition of a name as it ends.
 
-    `waiting` has the numbers and seeds of the episodes. Traces are None unless `recorded`, in some percent of the time.
+    `waiting` has the numbers and seeds of the episodes. Traces, some percent of the time, are None unless `kept`.
     """
     spec, measures, resets = plan.specs[name], plan.measures[name], plan.resets.get(name, ())
-    recorder = TraceRecorder(environments, controller) if recorded or measures else None
+    recorder = TraceRecorder(environments, controller) if kept or measures else None
     for index, episode in VectorRollout(environments, recorder or controller, resets).play(waiting):
         reset = plan.reset_options(name, index)
         key = {"condition": name, "episode": index, "seed": spec.seed + index, "reset": reset}
@@ -257,7 +248,7 @@ def play(
             states = recorder.observations(episode)[:, criteria.STATE]
             goals = np.array(reset.get(GOAL_STATES, ()))
             result = dataclasses.replace(result, measures={key: of(states, goals) for key, of in measures.items()})
-        yield result, trace if recorded else None
+        yield result, trace if kept else None
 
 
 def _result(task: SuiteTask, spec: EpisodeSpec, episode: EndedEpisode, key: Mapping[str, Any]) -> EpisodeResult:

@@ -68,7 +68,10 @@ class EvaluationPlan:
     @property
     def description(self) -> dict[str, Any]:
         """The evaluation without its results, as JSON represents it, without paths and times."""
-        first = self.first
+        first, conditions = self.first, {}
+        for name, spec in self.specs.items():
+            task = {"task_name": spec.task_name, "task_kwargs": dict(spec.task_kwargs)}
+            conditions[name] = {**task, "policy_sha256": spec.policy_sha256}
         return {
             "protocol": self.protocol,
             "domain_name": first.domain_name,
@@ -78,7 +81,7 @@ class EvaluationPlan:
             "max_episode_steps": first.max_episode_steps,
             **({"goals_sha256": hashlib.sha256(json.dumps(self.resets).encode()).hexdigest()} if self.resets else {}),
             "versions": dict(first.versions),
-            "conditions": {name: _described(spec) for name, spec in self.specs.items()},
+            "conditions": json.loads(json.dumps(conditions)),
         }
 
     @property
@@ -243,8 +246,3 @@ def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, EpisodeS
             replaced = condition.task_name not in (None, spec.task_name)
             specs[spec.task_name if replaced else condition.name or spec.task_name] = spec
     return specs
-
-
-def _described(spec: EpisodeSpec) -> dict[str, Any]:
-    described = {"task_name": spec.task_name, "task_kwargs": dict(spec.task_kwargs)}
-    return json.loads(json.dumps({**described, "policy_sha256": spec.policy_sha256}))

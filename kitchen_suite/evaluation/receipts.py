@@ -39,8 +39,7 @@ FORMAT = 1
 # What is written, so that it can be read again: some 42 bytes a control step and 250 an episode.
 MAX_EPISODES, MAX_STEPS = 50_000, 10_000_000
 
-# Arrays of a condition.
-_PARTS = ("steps", "actions", "checks", "digests", "last")
+_PARTS = ("steps", "actions", "checks", "digests", "last")  # Arrays of a condition.
 
 # Greatest length of a text in the metadata, and that of the digest at the end of the file.
 _MAX_TEXT, _SEAL = 1_000, 2 * hashlib.sha256().digest_size
@@ -121,12 +120,8 @@ class TraceRecorder:
             words += hashed.digest()[:2]
         with np.errstate(over="ignore"):
             last = numbers[-1].astype("<f4")
-        return Trace(
-            actions=np.array(self._actions[episode.i]),
-            checks=np.frombuffer(words, "<u2"),
-            digest=np.frombuffer(hashed.digest(), np.uint8),
-            last=last,
-        )
+        actions, digest = np.array(self._actions[episode.i]), np.frombuffer(hashed.digest(), np.uint8)
+        return Trace(actions=actions, checks=np.frombuffer(words, "<u2"), digest=digest, last=last)
 
     def observations(self, episode: EndedEpisode) -> NDArray[np.float64]:
         """Returns the observed numbers `(T + 1, m)` of an episode whose trace has been taken."""

@@ -21,14 +21,12 @@ from kitchen_suite.rollouts.spec import EpisodeSpec, even_count
 from kitchen_suite.settings import VerifySettings
 from kitchen_suite.versions import installed_versions, machine
 
-# Exit status where all scores are equal, but not all digits.
-DIGITS_DIFFER = 3
+DIGITS_DIFFER = 3  # Exit status where all scores are equal, but not all digits.
 
 # Arguments of environments that only pictures depend on; a replay makes none.
 _OF_PICTURES = {*PICTURE_OPTIONS, "obs_type", "render_quality"}
 
-# Episodes that differ of which the report has a line.
-_MAX_LINES = 10
+_MAX_LINES = 10  # Episodes that differ of which the report has a line.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -114,7 +112,7 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
             if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
                 raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
             replay = Replay({result.seed: trace.actions for result, trace in zip(results, traces, strict=True)})
-            for replayed, trace in play(name, plan, environments, replay, waiting, recorded=True):
+            for replayed, trace in play(name, plan, environments, replay, waiting, kept=True):
                 assert trace
                 recorded, given = results[replayed.episode], traces[replayed.episode]
                 first = given.first_difference(trace)

@@ -44,8 +44,7 @@ class ImitatedMetadata:
       goal_size: number of elements of the last goal state, that are the last inputs; 0 for a policy without goals.
       extra_observables: number of elements of each extra observable among the inputs, by name; None in files of earlier
         versions, whose policies take all that a task has.
-      layout: values in the default layout of the extra observables that are the same in all episodes there: tasks in
-        that layout need not observe them.
+      layout: values of extra observables that are always the same in the default layout, where tasks may lack them.
       cameras: names of the cameras whose pictures it takes.
       image_size: height and width of these pictures.
     """

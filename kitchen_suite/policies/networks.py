@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-# Bound of standardised inputs.
-CLIP = 10.0
+CLIP = 10.0  # Bound of standardised inputs.
 
 
 class Linear(NamedTuple):

@@ -39,11 +39,8 @@ PolicyBuilder = Callable[..., Policy]
 # Packages that extras install, of those that policies need.
 PACKAGES = {"experts": ("daqp", "mink"), "remote": ("msgpack", "websockets")}
 
-# A policy on a server, by its address alone.
-_ADDRESS = re.compile(r"wss?://\S+")
-
-# Characters of a policy with options; there is room for the path of a file.
-_MAX_LENGTH = 5_000
+_ADDRESS = re.compile(r"wss?://\S+")  # A policy on a server, by its address alone.
+_MAX_LENGTH = 5_000  # Characters of a policy with options; there is room for the path of a file.
 
 
 class PolicyError(ValueError):
@@ -143,8 +140,7 @@ def load_policy(path: Path) -> "StoredPolicy":
 class TrainedSource(PolicySource):
     """Trained policies, which act without exploration noise; some algorithms draw their actions.
 
-    The option `file` names one that `kitchen-train` has written; by default it is the one that comes with the package
-    for the environment's task and reward.
+    The option `file` names one of `kitchen-train`; the default comes with the package for the task and its reward.
     """
 
     takes_options = True

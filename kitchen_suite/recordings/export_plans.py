@@ -36,14 +36,9 @@ _ROBOT = len(np.r_[ROBOT_POSITIONS])
 # In an HDF5 file, greatest sizes of an array of one control step beside its contents, and of a name in a list [bytes].
 _OVERHEAD, _ROW_BYTES = 4096, 64
 
-# Of the layouts that have episodes for validation, one in ten is.
-_VALIDATION = 10
-
-# robomimic's type of environments of Gymnasium's interface.
-_GYM_TYPE = 2
-
-# Rows of a chunk of zarr.
-_CHUNK = 1024
+_VALIDATION = 10  # Of the layouts that have episodes for validation, one in ten is.
+_GYM_TYPE = 2  # robomimic's type of environments of Gymnasium's interface.
+_CHUNK = 1024  # Rows of a chunk of zarr.
 
 # BeT's files of arrays, by name without suffix; its file of PyTorch's with the goals, and the tensor's numbers in it.
 _ARRAYS = ("observations_seq", "actions_seq", "existence_mask")
@@ -144,8 +139,7 @@ class RobomimicPlan(ExportPlan):
     """A file `NAME.hdf5`: a group `data/demo_I` for each episode, and names of demonstrations in `mask`.
 
     A group has `actions`, `rewards`, `dones` (1 in the last step), `terminations`, `truncations`, `obs/KEY` and
-    `next_obs/KEY`, whose keys are those of the observation with an underscore for each slash, and `states`: time, qpos
-    and qvel before each step.
+    `next_obs/KEY`, keys of the observation with underscores for slashes, and `states`: time, qpos, qvel before a step.
     """
 
     title = "robomimic"

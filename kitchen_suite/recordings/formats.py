@@ -19,8 +19,7 @@ from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-# As the Hugging Face hub accepts names.
-_DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)
+_DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)  # As the Hugging Face hub accepts names.
 
 
 class DatasetPlan(abc.ABC):

@@ -35,8 +35,7 @@ from kitchen_suite.tasks.kitchen.requests import in_order, order_of
 from kitchen_suite.tasks.task import Metrics
 from kitchen_suite.versions import installed_versions
 
-# Numbers of an action of the kitchen.
-ACTION_SIZE = 9
+ACTION_SIZE = 9  # Numbers of an action of the kitchen.
 
 # An episode may ask for any number of the seven tasks; episodes go on after their last completion.
 _TASK_KWARGS: dict[str, Any] = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}

@@ -25,10 +25,8 @@ from kitchen_suite.tasks.task import PICTURE_AXES
 SPEC_KEY, _COUNT_KEY = "kitchen_suite_recording", "kitchen_suite_num_episodes"
 INSTRUCTION_KEY, _ACTIONS_KEY = "instruction", "actions_sha256"
 
-# HDF5 keeps seeds in attributes of 64 bits.
-_MAX_SEED = 2**63 - 1
-# Number of episodes in memory at the same time.
-_CHUNK = 20
+_MAX_SEED = 2**63 - 1  # HDF5 keeps seeds in attributes of 64 bits.
+_CHUNK = 20  # Number of episodes in memory at the same time.
 
 # Minari's file of all episodes. Greatest sizes of an empty dataset, and of an array beside its elements [bytes].
 _DATA_FILE = "main_data.hdf5"
@@ -170,13 +168,9 @@ class MinariSource(Source):
                 "termination": data.terminations,
                 "truncation": data.truncations,
             }
-            seed = metadata.get("seed")
-            episode = EpisodeArrays(
-                index=index,
-                seed=None if seed is None else int(seed),
-                arrays=arrays,
-                instruction=str(metadata.get(INSTRUCTION_KEY, "")),
-            )
+            seed, sentence = metadata.get("seed"), str(metadata.get(INSTRUCTION_KEY, ""))
+            seed = None if seed is None else int(seed)
+            episode = EpisodeArrays(index=index, seed=seed, arrays=arrays, instruction=sentence)
             episode.check(metadata.get(_ACTIONS_KEY))
         return episode
 

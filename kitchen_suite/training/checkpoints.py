@@ -17,8 +17,7 @@ from kitchen_suite import files
 _PATTERN = "checkpoint_*.pt"
 _NUM_KEPT = 3
 
-# A checkpoint ends with the SHA-256 of all before it, of this many bytes.
-_DIGEST_SIZE = 32
+_DIGEST_SIZE = 32  # A checkpoint ends with the SHA-256 of all before it, of this many bytes.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -80,8 +80,7 @@ KITCHEN_RECIPE = Recipe(
     settings={"num_steps": 4_000_000, "eval_interval": 40_000, "target_success": 0.97, "patience": 1_000_000},
 )
 
-# Scale of joint offsets [rad] and the gripper logit.
-OFFSET_SCALE = (*(0.01,) * 7, 2.0)
+OFFSET_SCALE = (*(0.01,) * 7, 2.0)  # Scale of joint offsets [rad] and the gripper logit.
 
 # Drawers are open by a little in almost half of the episodes of training: exploration alone holds the handle of a
 # closed one, and does not pull.

@@ -12,21 +12,13 @@ from vector_quantize_pytorch import ResidualVQ
 
 from kitchen_suite.policies import networks
 from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, ImitatedPolicy, TokenPolicy, time_features
-from kitchen_suite.training.hyperparameters import (
-    ChunkHyperparameters,
-    FlowHyperparameters,
-    ImitationHyperparameters,
-    TokenHyperparameters,
-)
+from kitchen_suite.training.hyperparameters import FlowHyperparameters, ImitationHyperparameters, TokenHyperparameters
 
 # Encoder and decoder of chunks are small beside the network that predicts codes.
 _CODER_WIDTH, _CODER_BLOCKS = 128, 1
 
-# Decay of the exponential moving averages of code vectors.
-_CODE_DECAY = 0.99
-
-# Factor of the distance of encoded chunks from their codes.
-_COMMITMENT = 0.25
+_CODE_DECAY = 0.99  # Decay of the exponential moving averages of code vectors.
+_COMMITMENT = 0.25  # Factor of the distance of encoded chunks from their codes.
 
 
 class TorchBlock(torch.nn.Module):
@@ -112,13 +104,13 @@ class Method(torch.nn.Module, abc.ABC):
     Attributes:
       title: name of the algorithm.
       policy_class: class of the policies that it exports.
-      hyperparameters: class of its hyperparameters.
+      hyperparameters: class of its hyperparameters, a `ChunkHyperparameters`.
       network: that acts, from inputs `(b, m)` to chunks of actions `(b, n)` or to numbers that determine them.
     """
 
     title: ClassVar[str]
     policy_class: ClassVar[type[ImitatedPolicy]] = ClonedPolicy
-    hyperparameters: ClassVar[type[ChunkHyperparameters]]
+    hyperparameters: ClassVar[type[Any]]
 
     def __init__(self, inputs: int, outputs: int, config: Any) -> None:
         """Builds the networks for `inputs` and `outputs` values."""
@@ -205,15 +197,9 @@ class Tokens(ImitationMethod):
         config, coder = self.config, {"width": _CODER_WIDTH, "blocks": _CODER_BLOCKS}
         self.encoder = TorchNetwork(outputs, config.latent, **coder)
         self.decoder = TorchNetwork(config.latent, outputs, **coder)
-        self.quantizer = ResidualVQ(
-            dim=config.latent,
-            num_quantizers=config.codebooks,
-            codebook_size=config.codes,
-            kmeans_init=True,
-            decay=_CODE_DECAY,
-            commitment_weight=_COMMITMENT,
-            threshold_ema_dead_code=2,
-        )
+        sizes = {"dim": config.latent, "num_quantizers": config.codebooks, "codebook_size": config.codes}
+        fitting = {"decay": _CODE_DECAY, "commitment_weight": _COMMITMENT, "threshold_ema_dead_code": 2}
+        self.quantizer = ResidualVQ(**sizes, **fitting, kmeans_init=True)
         return super()._make_network(inputs, config.codebooks * config.codes * (1 + outputs))
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:

@@ -19,11 +19,8 @@ from kitchen_suite.training.hyperparameters import (
 from kitchen_suite.training.imitation import Flow, Method, TorchNetwork
 from kitchen_suite.training.transitions import Batch
 
-# Greatest weight of an action in the policy's loss of IQL.
-_MAX_WEIGHT = 100.0
-
-# Control steps of TD3 between updates of the policy.
-_POLICY_DELAY = 2
+_MAX_WEIGHT = 100.0  # Greatest weight of an action in the policy's loss of IQL.
+_POLICY_DELAY = 2  # Control steps of TD3 between updates of the policy.
 
 
 class OfflineMethod(Method):

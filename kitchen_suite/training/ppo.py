@@ -18,8 +18,7 @@ from kitchen_suite.training.hyperparameters import Hyperparameters
 # Bounds of adapted learning rates, the factor of an adaptation, and how far beyond the target the divergence must be.
 _LEARNING_RATES, _RATE_FACTOR, _TOLERANCE = (1e-6, 1e-2), 1.5, 2.0
 
-# Added to the standard deviations of advantages and of returns.
-_EPSILON = 1e-8
+_EPSILON = 1e-8  # Added to the standard deviations of advantages and of returns.
 
 # Metrics of a step of the optimiser, in order.
 _STEP_METRICS = ("loss/policy loss", "loss/value loss", "loss/entropy loss", "learning/divergence")

@@ -28,11 +28,8 @@ from kitchen_suite.training.offline import OFFLINE_METHODS, OfflineMethod
 from kitchen_suite.training.transitions import GoalSampler, Sampler, Transitions, load_transitions
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Steps of the optimiser between points of the curves.
-_STEPS = 100
-
-# Added to the standard deviations of actions.
-_ACTION_EPSILON = 1e-3
+_STEPS = 100  # Steps of the optimiser between points of the curves.
+_ACTION_EPSILON = 1e-3  # Added to the standard deviations of actions.
 
 
 class RecordingLearner(Learner):
@@ -111,8 +108,7 @@ class ImitationLearner(RecordingLearner):
     ) -> None:
         """Builds the networks of the class of a method; the seed is also that of the batches.
 
-        The learning rate falls over `num_steps` steps of the optimiser. Requests of `tasks` are inputs; `extras` is the
-        metadata of the policy on extra observables.
+        The learning rate falls over `num_steps` steps. Requests of `tasks` are inputs; `extras` is as of `_extras`.
         """
         torch.manual_seed(seed)
         self._scales = scales = _scales_of(demonstrations, config.standardisation_epsilon)
@@ -210,13 +206,9 @@ class OfflineLearner(RecordingLearner):
 def _scales_of(recorded: Demonstrations | Transitions, epsilon: float) -> Scales:
     """Returns the standardisation of recorded inputs and actions; `epsilon` is added to deviations of inputs."""
     inputs, actions = recorded.inputs.astype(np.float64), recorded.actions.astype(np.float64)
-    parts = {
-        "input_mean": inputs.mean(axis=0),
-        "input_deviation": inputs.std(axis=0) + epsilon,
-        "action_mean": actions.mean(axis=0),
-        "action_deviation": actions.std(axis=0) + _ACTION_EPSILON,
-    }
-    return Scales(**{name: part.astype(np.float32) for name, part in parts.items()})
+    of_inputs = inputs.mean(axis=0), inputs.std(axis=0) + epsilon
+    of_actions = actions.mean(axis=0), actions.std(axis=0) + _ACTION_EPSILON
+    return Scales(*(part.astype(np.float32) for part in (*of_inputs, *of_actions)))
 
 
 class RecordingTraining(Training):

@@ -28,11 +28,8 @@ from kitchen_suite.training.learner import DivergedError, Learner, Training, epi
 from kitchen_suite.training.ppo import Actor, Agent, Batch, adopt_policy, export_policy
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Weight of a task that always succeeds; that of one that never does is greater by 1.
-_LEAST_WEIGHT = 0.05
-
-# Number of episodes of a task over which its success is averaged.
-_MEMORY = 50
+_LEAST_WEIGHT = 0.05  # Weight of a task that always succeeds; that of one that never does is greater by 1.
+_MEMORY = 50  # Number of episodes of a task over which its success is averaged.
 
 # Bound of cloned actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
 # squared error of a few large actions would dominate the loss.
@@ -67,13 +64,7 @@ class TaskBalance:
         return {f"episode/success/{name}": done.astype(np.float64) for name, done in each.items() if done.size}
 
 
-def clone(
-    agent: Agent,
-    observations: NDArray[np.float32],
-    actions: NDArray[np.float32],
-    epochs: int,
-    report: Callable[[float], None] = lambda loss: None,
-) -> None:
+def clone(agent: Agent, observations: NDArray, actions: NDArray, epochs: int, report: Callable[[float], None]) -> None:
     """Fits the mean of a new agent's policy to observations `(m, n)` and actions `(m, k)`, by least squares.
 
     The demonstrations also fix the standardisation of observations. After each pass over them, `report` is called with
@@ -159,8 +150,7 @@ class PPOLearner(Learner):
     def start(self, seed: int) -> None:
         """Starts episodes at evenly spread times, so that a batch has steps from all parts of an episode.
 
-        The environments have seeds from `seed` on. The observations made meanwhile fit the standardisation, unless
-        cloning or a checkpoint has set it.
+        Environments have seeds from `seed` on. Observations made meanwhile fit the standardisation, unless it is set.
         """
         self._collected, self._actor = None, Actor(self.agent, self._config.noise_correlation, seed)
         environments, count = self._environments, self._environments.num_envs

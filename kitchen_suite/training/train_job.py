@@ -22,8 +22,7 @@ from kitchen_suite.training.reinforcement import PPOTraining, make_spec
 from kitchen_suite.training.run_folder import RunDescription
 from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, NO_RESULT, POLICY_FILE, SeedRun, StopReason
 
-# Environments that policies are evaluated in.
-_EVALUATION_ENVS = 20
+_EVALUATION_ENVS = 20  # Environments that policies are evaluated in.
 
 
 class TrainJob:
@@ -120,13 +119,8 @@ class TrainJob:
                 shutil.copyfile(run.policy_file, partial)
 
     def _film(self, file: Path) -> None:
-        rollout = policy_rollout(
-            self._settings.output / POLICY_FILE,
-            num_episodes=1,
-            seed=EVALUATION_SEEDS,
-            video=file,
-            video_fps=PlaySettings.video_fps,
-        )
+        best, fps = self._settings.output / POLICY_FILE, PlaySettings.video_fps
+        rollout = policy_rollout(best, num_episodes=1, seed=EVALUATION_SEEDS, video=file, video_fps=fps)
         RolloutJob(rollout).run()
         print_line(f"video {file}")
 

@@ -121,11 +121,7 @@ class Sampler:
     """Draws batches of recorded control steps with the recorded rewards."""
 
     def __init__(
-        self,
-        transitions: Transitions,
-        inputs: NDArray[np.float32],
-        actions: NDArray[np.float32],
-        config: OfflineHyperparameters,
+        self, transitions: Transitions, inputs: NDArray, actions: NDArray, config: OfflineHyperparameters
     ) -> None:
         """Takes transitions, their standardised inputs and actions, and the sizes of batches."""
         self._transitions, self._config = transitions, config
