@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities import cabinet, franka
 from kitchen_suite.entities.assets import Vector
-from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType
+from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType, shared_value
 
 _MATERIAL, _GEOM = mujoco.mjtObj.mjOBJ_MATERIAL, mujoco.mjtObj.mjOBJ_GEOM
 
@@ -422,10 +422,4 @@ CAMERA_OFFSET = _relative("cam_pos", change=lambda positions, offset: positions 
 CAMERA_ROTATION = _relative("cam_quat", change=_turned_frames, default=np.zeros(3))
 
 # Vertical field of view.
-FIELD_OF_VIEW = ParameterType(
-    read=lambda physics, cameras: physics.bind(cameras[0]).fovy,
-    write=lambda physics, cameras, value: setattr(physics.bind(cameras), "fovy", value),
-    model_fields=("cam_fovy",),
-    non_negative=True,
-    visual=True,
-)
+FIELD_OF_VIEW = shared_value("cam_fovy", visual=True)

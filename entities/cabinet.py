@@ -4,7 +4,6 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
 from typing import Any
 
 from dm_control import mjcf
@@ -33,14 +32,12 @@ DRAWERS = ("top", "bottom")
 DOORS = ("left", "right")
 
 # Colours of the materials: red, green and blue from 0 to 1.
-COLORS: Mapping[str, Vector] = MappingProxyType(
-    {
-        "carcass": (0.80, 0.79, 0.76),
-        "front": (0.36, 0.47, 0.53),
-        "tray": (0.72, 0.58, 0.42),
-        "metal": (0.80, 0.80, 0.82),
-    }
-)
+COLORS: Mapping[str, Vector] = {
+    "carcass": (0.80, 0.79, 0.76),
+    "front": (0.36, 0.47, 0.53),
+    "tray": (0.72, 0.58, 0.42),
+    "metal": (0.80, 0.80, 0.82),
+}
 
 # `solimpfriction` of slides and hinges. With MuJoCo's default of 0.9 a drawer creeps by 1 mm in a second under 2 N,
 # which is less than its dry friction.

@@ -128,19 +128,25 @@ def _write_yaw(physics: mjcf.Physics, elements: Elements, value: NDArray[np.floa
     physics.bind(elements[0]).quat = quaternion / np.linalg.norm(quaternion)
 
 
-def _joint_parameter_type(attribute: str, model_field: str) -> ParameterType:
-    """Returns the kind of a non-negative attribute of joints that all their degrees of freedom share."""
+def _place(physics: mjcf.Physics, elements: Elements, *column: int) -> tuple[Any, ...]:
+    """Returns the index of elements in a field of the model, of joints in one by `dof`; or in a column of the field."""
+    bound = physics.bind(elements)
+    return (bound.dofadr if elements[0].tag == "joint" else bound.element_id, *column)
+
+
+def shared_value(field: str, *column: int, visual: bool = False) -> ParameterType:
+    """Returns the kind of a non-negative number that elements share in a field of the model, or in a column of it."""
+
+    def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
+        getattr(physics.model.ptr, field)[_place(physics, elements, *column)] = value
+
     return ParameterType(
-        read=lambda physics, joints: getattr(physics.bind(joints), attribute)[0],
-        write=lambda physics, joints, value: setattr(physics.bind(joints), attribute, value),
-        model_fields=(model_field,),
+        read=lambda physics, elements: getattr(physics.model.ptr, field)[_place(physics, elements, *column)][0],
+        write=write,
+        model_fields=(field,),
         non_negative=True,
+        visual=visual,
     )
-
-
-def _write_sliding_friction(physics: mjcf.Physics, geoms: Elements, value: NDArray[np.float64]) -> None:
-    for geom in geoms:
-        physics.bind(geom).friction[0] = value
 
 
 # Translation from the built position, in the frame of the parent.
@@ -154,16 +160,11 @@ POSITION_OFFSET = ParameterType(
 # Rotation about the z axis of the parent.
 YAW = ParameterType(read=_read_yaw, write=_write_yaw, model_fields=("body_quat",))
 
-JOINT_FRICTION = _joint_parameter_type("frictionloss", "dof_frictionloss")
-JOINT_DAMPING = _joint_parameter_type("damping", "dof_damping")
+JOINT_FRICTION = shared_value("dof_frictionloss")
+JOINT_DAMPING = shared_value("dof_damping")
 
 # Coefficient of sliding friction of geoms; a contact has the greater one of its two geoms' coefficients.
-SLIDING_FRICTION = ParameterType(
-    read=lambda physics, geoms: physics.bind(geoms[0]).friction[0],
-    write=_write_sliding_friction,
-    model_fields=("geom_friction",),
-    non_negative=True,
-)
+SLIDING_FRICTION = shared_value("geom_friction", 0)
 
 
 def displacement(
@@ -206,33 +207,17 @@ FREE_DISPLACEMENT = ParameterType(
 )
 
 
-def _joint_scale_type(attribute: str, model_field: str) -> ParameterType:
-    """Returns the kind of a factor of an attribute of joints, relative to the built scene."""
+def _scale_type(**columns: int | None) -> ParameterType:
+    """Returns the kind of a factor, 1 in the built scene, of fields of the model, or of a column of each."""
 
-    def write(physics: mjcf.Physics, joints: Elements, value: NDArray[np.float64]) -> None:
-        bound = physics.bind(joints)
-        setattr(bound, attribute, getattr(bound, attribute) * value)
+    def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
+        for field, column in columns.items():
+            place = _place(physics, elements, *(() if column is None else (column,)))
+            getattr(physics.model.ptr, field)[place] *= value
 
-    return _scale_type(write, model_field)
-
-
-def _scale_type(
-    write: Callable[[mjcf.Physics, Elements, NDArray[np.float64]], None], *model_fields: str
-) -> ParameterType:
-    """Returns the kind of a factor, which is 1 in the built scene."""
-    return ParameterType(read=lambda physics, elements: 1.0, write=write, model_fields=model_fields, non_negative=True)
-
-
-def _scale_sliding_friction(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
-    physics.model.ptr.geom_friction[physics.bind(elements).element_id, 0] *= value
-
-
-def _scale_gains(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
-    indices = physics.bind(elements).element_id
-    model = physics.model.ptr
-    # A position servo: gain * (target - position).
-    model.actuator_gainprm[indices, 0] *= value
-    model.actuator_biasprm[indices, 1] *= value
+    return ParameterType(
+        read=lambda physics, elements: 1.0, write=write, model_fields=tuple(columns), non_negative=True
+    )
 
 
 def _write_mass(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
@@ -242,14 +227,14 @@ def _write_mass(physics: mjcf.Physics, elements: Elements, value: NDArray[np.flo
     bound.mass = value
 
 
-DAMPING_SCALE = _joint_scale_type("damping", "dof_damping")
-FRICTION_SCALE = _joint_scale_type("frictionloss", "dof_frictionloss")
+DAMPING_SCALE = _scale_type(dof_damping=None)
+FRICTION_SCALE = _scale_type(dof_frictionloss=None)
 
 # Factor of the coefficients of sliding friction of geoms.
-SLIDING_FRICTION_SCALE = _scale_type(_scale_sliding_friction, "geom_friction")
+SLIDING_FRICTION_SCALE = _scale_type(geom_friction=0)
 
-# Factor of the gains of position servos.
-GAIN_SCALE = _scale_type(_scale_gains, "actuator_gainprm", "actuator_biasprm")
+# Factor of the gains of position servos: gain * (target - position).
+GAIN_SCALE = _scale_type(actuator_gainprm=0, actuator_biasprm=1)
 
 # Mass of a body [kg], with inertia in proportion.
 MASS = ParameterType(

@@ -212,9 +212,7 @@ _PROPS: tuple[type[kitchen_props.KitchenProp], ...] = (
 )
 
 # Names of the joints of each prop with joints, in the order in which these are observed.
-JOINT_NAMES: Mapping[str, Sequence[str]] = MappingProxyType(
-    {prop.xml_name: prop.joint_names for prop in _PROPS if prop.joint_names}
-)
+JOINT_NAMES: Mapping[str, Sequence[str]] = {prop.xml_name: prop.joint_names for prop in _PROPS if prop.joint_names}
 
 # Names of these props.
 OBSERVED_PROPS = tuple(JOINT_NAMES)

@@ -6,6 +6,7 @@ otherwise. The message names the argument, its value and the values allowed.
 
 import collections
 import difflib
+import importlib.metadata
 import importlib.util
 import inspect
 import math
@@ -75,6 +76,14 @@ def installed(packages: Iterable[str], what: str, extra: str) -> None:
     """Raises an ImportError with the pip command of an extra if `what` needs packages that are not installed."""
     if missing := [name for name in packages if not importlib.util.find_spec(name)]:
         raise ImportError(f"{what} needs {' and '.join(missing)}: {install_command(extra)}")
+
+
+def version_of(package: str) -> str | None:
+    """Returns the version of a package; None if it is not installed."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 def install_command(extra: str) -> str:
@@ -178,12 +187,12 @@ def reset_options(value: object, names: Collection[str], *, elsewhere: Collectio
     return {name: option for name, option in (value or {}).items() if name in names}
 
 
-def unique_names(values: object, name: str) -> tuple[object, ...]:
-    """Returns `values` as a tuple if it is an ordered collection that is not empty and repeats no string."""
+def unique_names(values: object, name: str, *, minimum: int = 1) -> tuple[object, ...]:
+    """Returns `values` as a tuple if it is an ordered collection of 1, or 0, or more that repeats no string."""
     if isinstance(values, str | bytes | Set | Mapping) or not isinstance(values, Collection):
         raise TypeError(f"{name} must be a sequence of names, got {shown(values)}")
     result = tuple(values)
-    if not result:
+    if len(result) < minimum:
         raise ValueError(f"{name} is empty; name at least one")
     counts = collections.Counter(value for value in result if isinstance(value, str))
     if repeated := sorted(repr(value) for value, count in counts.items() if count > 1):

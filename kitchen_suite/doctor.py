@@ -40,7 +40,7 @@ _DIFFERS = "DIFFERS from that known for this kind of processor"
 
 def circumstances() -> dict[str, str]:
     """Returns the versions and the kind of processor that decide which digests are expected."""
-    return {**{name: _version(name) for name in _SIMULATING}, "processor": processor()}
+    return {**{name: checks.version_of(name) or _MISSING for name in _SIMULATING}, "processor": processor()}
 
 
 def digests() -> Iterator[tuple[str, str]]:
@@ -122,7 +122,7 @@ def _facts() -> dict[str, str]:
         "python": f"{platform.python_version()} in {sys.prefix}",
         "system": platform.platform(),
         "processor": f"{processor()}; {processors()} usable",
-        **{name: _version(name) for name in PACKAGES},
+        **{name: checks.version_of(name) or _MISSING for name in PACKAGES},
         "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md",
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
@@ -141,13 +141,6 @@ def _in_one_line(error: Exception) -> str:
     return checks.shortened(" ".join((type(error).__name__, *str(error).split())))
 
 
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return _MISSING
-
-
 def _extras() -> dict[str, str]:
     requirements: list[str] = []
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):
@@ -157,9 +150,5 @@ def _extras() -> dict[str, str]:
         package, extra = re.match(r"[\w.-]+", requirement), re.search(r"extra == ['\"]([\w-]+)", requirement)
         if package and extra and package[0] != "kitchen-suite":
             needed.setdefault(extra[1], []).append(package[0])
-    return {extra: _installed(packages) for extra, packages in needed.items()}
-
-
-def _installed(packages: list[str]) -> str:
-    missing = [package for package in packages if _version(package) == _MISSING]
-    return f"without {', '.join(missing)}" if missing else "installed"
+    missing = {extra: [each for each in packages if not checks.version_of(each)] for extra, packages in needed.items()}
+    return {extra: f"without {', '.join(each)}" if each else "installed" for extra, each in missing.items()}

@@ -56,10 +56,6 @@ class Sensing(NamedTuple):
             noise[elements] = values.get(f"sensing/{part}", 1.0)
         return cls(noise, np.array(values.get(ACTION_DELAY, 0.0) > 0.5), positions)
 
-    def delayed(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the targets `(..., 9)` that reach the actuators in a control step."""
-        return np.where(self.delay[..., np.newaxis], self.target, target)
-
 
 class EpisodeState(NamedTuple):
     """All that later steps of an episode depend on, beside physics and random state.
@@ -88,17 +84,17 @@ class EpisodeState(NamedTuple):
 
     def memory(self) -> dict[str, dict[str, Any]]:
         """Returns what a saved state holds beside the MDP's state: fresh arrays by part and field."""
-        return {name: map_arrays(np.array, part._asdict()) for name, part in self._parts.items() if part is not None}
+        return {name: map_arrays(np.array, part._asdict()) for name, part in self._parts.items()}
 
     def with_memory(self, saved: Mapping[str, Any]) -> Self:
         """Returns the state with what `memory` returned, among which there may be other entries."""
-        parts = {name: part for name, part in self._parts.items() if part is not None}
-        return self._replace(**{name: part._replace(**saved[name]) for name, part in parts.items()})
+        return self._replace(**{name: part._replace(**saved[name]) for name, part in self._parts.items()})
 
     @property
     def _parts(self) -> dict[str, Any]:
-        """The parts that a saved state holds beside the MDP's state."""
-        return {"command": self.command, "sensing": self.sensing, "push": self.push}
+        """The parts that a saved state holds beside the MDP's state, those that there are."""
+        parts = {"command": self.command, "sensing": self.sensing, "push": self.push}
+        return {name: part for name, part in parts.items() if part is not None}
 
     def persisting(self, names: Sequence[str], before: Any, where: NDArray[np.bool_] | bool) -> Self:
         """Returns the state with fields of an earlier state of the MDP, where a mask `(...)` is True."""
@@ -148,7 +144,8 @@ class Stepper:
         target, command = self.mdp.action_mode.control(self.simulation, state.mdp_state, state.command, action, draw)
         sensing, ctrl = state.sensing, target
         if sensing is not None:
-            ctrl, sensing = sensing.delayed(target), sensing._replace(target=target)
+            ctrl = np.where(sensing.delay[..., np.newaxis], sensing.target, target)
+            sensing = sensing._replace(target=target)
         push = state.push
         if push is not None:
             # After control has read the physics: only a single simulation is evaluated anew, a batch as it steps.

@@ -173,7 +173,10 @@ class ExtraObservables:
 
 def _checked(names: object, choices: Mapping[str, ExtraObservable]) -> dict[str, ExtraObservable]:
     """Returns the quantities of some names, those of the robot first."""
-    wanted = [checks.choice(name, choices, "extra observable") for name in _names(names, "extra_observables")]
+    wanted = [
+        checks.choice(name, choices, "extra observable")
+        for name in checks.unique_names(names, "extra_observables", minimum=0)
+    ]
     return {name: choices[name] for name in sorted(wanted, key=lambda name: not choices[name].of_robot)}
 
 
@@ -245,7 +248,7 @@ class Pictures:
         """
         flags = {"depth": checks.boolean(depth, "depth"), "segmentation": checks.boolean(segmentation, "segmentation")}
         elements = {camera.full_identifier: camera for camera in root.find_all("camera")}
-        names = [checks.choice(name, elements, "camera") for name in _names(cameras, "cameras")]
+        names = [checks.choice(name, elements, "camera") for name in checks.unique_names(cameras, "cameras", minimum=0)]
         if not names and (image_size is not None or any(flags.values())):
             raise ValueError("image_size, depth and segmentation are settings of pictures, and need cameras: name some")
         height, width = _checked_size(DEFAULT_SIZE if image_size is None else image_size, root)
@@ -289,13 +292,6 @@ def shown_at(physics: mjcf.Physics, columns: NDArray[np.int64], positions: NDArr
         data.qpos[:] = present
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
-
-
-def _names(value: object, what: str) -> Sequence[object]:
-    """Returns a sequence of unique names, which may be empty; `what` is for messages."""
-    if isinstance(value, Sequence) and not isinstance(value, str) and not len(value):
-        return ()
-    return checks.unique_names(value, what)
 
 
 def _checked_size(size: object, root: mjcf.RootElement) -> tuple[int, int]:

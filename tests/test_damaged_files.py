@@ -277,7 +277,7 @@ class Runs(Kind):
     def read(self, is_edit):
         self.description.resume(self.folder)
         entries = json.loads(self.paths[0].read_text())
-        assert {**entries, **self.description.as_json()} == entries
+        assert {**entries, **vars(self.description)} == entries
 
 
 class Evaluations(Kind):

@@ -22,6 +22,7 @@ from imitation import call
 from kitchen_suite import policies
 from kitchen_suite.evaluation.results import wilson
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.versions import machine
 
@@ -50,12 +51,23 @@ def flags(design: int) -> list[str]:
     return ["--domain_name=kitchens", f"--task_name={TASK}", f"--task_kwargs={json.dumps(arguments(design))}"]
 
 
+def outcomes(output: Path) -> list[bool]:
+    """Returns which episodes of a recording succeeded; empty if there is none."""
+    if not output.exists():
+        return []
+    recording = RecordingFolder.open(output)
+    return [bool(recording.load_stats(i).metrics["success"]) for i in recording.indices]
+
+
 def record(folder: Path, design: int, count: int) -> Path:
-    """Records demonstrations in a kitchen, or completes them; returns their folder."""
+    """Records episodes in a kitchen until a number of them succeed; returns their folder."""
     output = folder / f"kitchen_{design}"
-    # Nearly all succeed.
-    episodes = count + 2 + count // 10
-    call("record", f"--output={output}", "--policy=expert", f"--num_episodes={episodes}", *flags(design))
+    recorded = outcomes(output)
+    while sum(recorded) < count:
+        # Nearly all succeed.
+        episodes = len(recorded) + count - sum(recorded) + 2
+        call("record", f"--output={output}", "--policy=expert", f"--num_episodes={episodes}", *flags(design))
+        recorded = outcomes(output)
     return output
 
 
@@ -75,7 +87,7 @@ def train(folder: Path, count: int) -> Path:
     return output / "policy.npz"
 
 
-def successes(policy: Path, design: int, split: str) -> list[bool]:
+def play(policy: Path, design: int, split: str) -> list[bool]:
     """Plays episodes in a kitchen; returns which of them succeed."""
     spec = EnvironmentSpec.make(domain_name="kitchens", task_name=TASK, task_kwargs=arguments(design, split))
     with spec.make_environment() as environment:
@@ -96,7 +108,7 @@ def measure(folder: Path, count: int) -> dict[str, Any]:
     policy = train(folder, count)
     row: dict[str, Any] = {"kitchens": count, "demonstrations": DEMONSTRATIONS, "steps": STEPS, "machine": machine()}
     for name, split, designs in (("unseen", "test", TEST_KITCHENS), ("seen", "train", min(count, TEST_KITCHENS))):
-        played = [success for design in range(designs) for success in successes(policy, design, split)]
+        played = [success for design in range(designs) for success in play(policy, design, split)]
         low, high = wilson(sum(played), len(played))
         row[name] = {"episodes": len(played), "success": float(np.mean(played)), "interval": [low, high]}
     return row

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks.memory import resident_memory
+from kitchen_suite.benchmarks.measurements import resident_memory
 from kitchen_suite.cli.commands import record, replay
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 

@@ -539,6 +539,21 @@ def mutant_table() -> str:
     return markdown(("module", "mutants", "tested", "equivalent", "survived", "score"), rows)
 
 
+def vla_eval_table() -> str:
+    """Returns the table of what `docs/experiments/vla_eval_speed.py` has measured."""
+    rows = [
+        (
+            f"`{row['config']}.yaml`",
+            f"`{row['policy']}`",
+            f"{row['successes']} of {row['episodes']}",
+            f"{row['control_steps']:,}",
+            f"{row['seconds']:.0f}",
+        )
+        for row in read_results("vla_eval")
+    ]
+    return markdown(("config", "policy", "successes", "control steps", "seconds"), rows)
+
+
 def fast_settings_table() -> str:
     """Returns the table of what options of the fast physics buy and cost."""
     rows = []
@@ -818,6 +833,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "processors_receipts": verified_table,
     "teleoperation": teleoperation_table,
     "teleoperation_recipe": teleoperation_recipe_table,
+    "vla_eval": vla_eval_table,
     "soak": soak_table,
     "kitchens_certificates": certificate_table,
     "kitchens_expert": kitchens_expert_table,

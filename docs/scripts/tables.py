@@ -271,11 +271,9 @@ def span(first: int, last: int) -> str:
 def cabinet_observation_table() -> str:
     """Returns the table of the parts of open_cabinet's observation."""
     rows = []
-    for name, part in drawer_observation.PARTS.items():
-        part_slice = drawer_observation.SLICES[name]
-        rows.append(
-            (span(part_slice.start, part_slice.stop - 1), f"`{name}`", first_line(part.compute).split(": ", 1)[1])
-        )
+    for name, compute in drawer_observation.PARTS.items():
+        part = drawer_observation.SLICES[name]
+        rows.append((span(part.start, part.stop - 1), f"`{name}`", first_line(compute).split(": ", 1)[1]))
     return markdown(("index", "key", "content"), rows)
 
 

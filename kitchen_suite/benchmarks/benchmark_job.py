@@ -10,8 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from kitchen_suite import checks, suite
-from kitchen_suite.benchmarks import memory, rendering, speed
+from kitchen_suite.benchmarks import rendering
 from kitchen_suite.benchmarks.cases import BenchmarkDomain
+from kitchen_suite.benchmarks.measurements import measure_rates, named_ratios, overhead, scaling, soak, summarize
 from kitchen_suite.rollouts.report import table
 from kitchen_suite.settings import BenchmarkSettings
 from kitchen_suite.versions import installed_versions
@@ -100,25 +101,22 @@ class Measure:
     num_steps: int = 0
 
 
-def _run_speed(
-    domain: BenchmarkDomain, settings: BenchmarkSettings, num_envs: Sequence[int], num_steps: int
-) -> dict[str, Any]:
+def _run_speed(domain: BenchmarkDomain, settings: BenchmarkSettings, num_envs: Sequence[int], _: int) -> dict[str, Any]:
     steps = settings.max_episode_steps or domain.domain.episode_steps
     cases = domain.cases(num_envs[0])
-    rates = speed.measure_rates(domain, cases, rounds=settings.rounds, steps=steps)
+    rates = measure_rates(domain, cases, rounds=settings.rounds, steps=steps)
     return {
-        "results": speed.summarize(rates, cases),
-        "ratios": speed.named_ratios(rates, domain.ratios(num_envs[0])),
-        "overhead": speed.overhead(domain.load(visuals=False), domain.adapter(), repeats=settings.rounds),
+        "results": summarize(rates, cases),
+        "ratios": named_ratios(rates, domain.ratios(num_envs[0])),
+        "overhead": overhead(domain.load(visuals=False), domain.adapter(), repeats=settings.rounds),
     }
 
 
 def speed_tables(results: Mapping[str, Any]) -> list[Table]:
     """Returns tables of the cases' ratios to bare MuJoCo, of the named ratios, and of the overhead beyond physics."""
-    cases = [
-        (name, *_statistics(row), f"{row['ratio_per_thread']:.2f}", f"{row['steps_per_second']:.0f}")
-        for name, row in results["results"].items()
-    ]
+    cases = []
+    for name, row in results["results"].items():
+        cases.append((name, *_statistics(row), f"{row['ratio_per_thread']:.2f}", f"{row['steps_per_second']:.0f}"))
     ratios = [(name, *_statistics(row)) for name, row in results["ratios"].items()]
     overhead = [(name, f"{microseconds:.1f}") for name, microseconds in results["overhead"].items()]
     return [
@@ -158,10 +156,9 @@ def rendering_tables(results: Mapping[str, Any]) -> list[Table]:
         (name, f"{row['ratio']:.1f}", f"{1 / row['times']['frame']:.1f}", str(row["num_faces"])) for name, row in rows
     ]
     parts = [(name, *map(_milliseconds, row["times"].values())) for name, row in rows]
-    contents = [
-        (content, *(_milliseconds(row["contents"][content]) for row in renderers.values()))
-        for content in renderers[first]["contents"]
-    ]
+    contents = []
+    for content in renderers[first]["contents"]:
+        contents.append((content, *(_milliseconds(row["contents"][content]) for row in renderers.values())))
     return [
         (("frames", f"ratio to {first}", "frames/s", "faces of meshes"), frames),
         (("parts of a frame [ms]", *rows[0][1]["times"]), parts),
@@ -176,13 +173,13 @@ def _milliseconds(seconds: float) -> str:
 MEASURES: Mapping[str, Measure] = {
     "speed": Measure(run=_run_speed, tables=speed_tables, num_envs=(32,)),
     "scaling": Measure(
-        run=lambda domain, settings, *sizes: {"results": memory.scaling(domain, *sizes)},
+        run=lambda domain, settings, *sizes: {"results": scaling(domain, *sizes)},
         tables=scaling_tables,
         num_envs=(1, 8, 32, 128, 512),
         num_steps=10_000,
     ),
     "soak": Measure(
-        run=lambda domain, settings, num_envs, num_steps: {"results": memory.soak(domain, num_envs[0], num_steps)},
+        run=lambda domain, settings, num_envs, num_steps: {"results": soak(domain, num_envs[0], num_steps)},
         tables=soak_tables,
         num_envs=(32,),
         num_steps=1_000_000,

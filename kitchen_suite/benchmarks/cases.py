@@ -2,8 +2,9 @@
 
 import abc
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, Self, cast
 
 import gymnasium
 import mujoco
@@ -31,20 +32,46 @@ Control = Callable[[mujoco.MjData, NDArray[np.float64]], None]
 class Case:
     """A simulation or environment whose speed is measured.
 
-    `episode` runs one episode with actions `(steps, n)`, or `(steps, num_envs, n)` if vectorised; otherwise `num_envs`
-    is 0.
+    `episode` runs one episode with actions `(steps, n)`, or `(steps, num_envs, n)` if vectorised; else `num_envs` is 0.
     """
 
     episode: Callable[[NDArray[np.float64]], None]
     num_envs: int = 0
     num_threads: int = 1
 
+    @classmethod
+    def of(cls, environment: Any, **sizes: int) -> Self:
+        """Returns the case of an environment with dm_env's or Gymnasium's interface; `sizes` are further fields."""
+
+        def episode(actions: NDArray[np.float64]) -> None:
+            environment.reset()
+            for action in actions:
+                environment.step(action)
+
+        return cls(episode=episode, **sizes)
+
+    @classmethod
+    def bare(cls, model: mujoco.MjModel, qpos: NDArray[np.float64], substeps: int, control: Control) -> Self:
+        """Returns the case of bare physics steps, with generalised positions `qpos` at the start.
+
+        Each control step takes `substeps` physics steps, after `control` has set the controls for an action.
+        """
+        data = mujoco.MjData(model)
+
+        def episode(actions: NDArray[np.float64]) -> None:
+            mujoco.mj_resetData(model, data)
+            data.qpos[:] = qpos
+            for action in actions:
+                control(data, action)
+                mujoco.mj_step(model, data, substeps)
+
+        return cls(episode=episode)
+
 
 class BenchmarkDomain(abc.ABC):
     """Environments of a domain whose speed is measured, and what they are compared with.
 
-    No episode terminates with the arguments `options` of all environments. `vector_options` are further ones of the
-    suite's vectorised environments, by the name of each.
+    No episode terminates with the arguments `options`; `vector_options` are further ones of vectorised ones, by name.
     """
 
     domain: ClassVar[Domain]
@@ -85,18 +112,16 @@ class BenchmarkDomain(abc.ABC):
 
     def cases(self, num_envs: int) -> dict[str, Case]:
         """Builds all cases by name, the vectorised ones with `num_envs` environments."""
-        vectorised = {
-            vector_case_name(name, num_envs, num_threads): environment_case(
-                self.vector_env(name, num_envs, num_threads), num_envs=num_envs, num_threads=num_threads
-            )
-            for num_threads in NUM_THREADS
-            for name in self.vector_names
-        }
+        vectorised = {}
+        for threads, name in itertools.product(NUM_THREADS, self.vector_names):
+            environments = self.vector_env(name, num_envs, threads)
+            case = Case.of(environments, num_envs=num_envs, num_threads=threads)
+            vectorised[vector_case_name(name, num_envs, threads)] = case
         return {
             **self.bare_cases(),
-            SUITE: environment_case(self.load(visuals=False)),
-            ADAPTER: environment_case(self.adapter()),
-            "suite.load, with visuals": environment_case(self.load(visuals=True)),
+            SUITE: Case.of(self.load(visuals=False)),
+            ADAPTER: Case.of(self.adapter()),
+            "suite.load, with visuals": Case.of(self.load(visuals=True)),
             **self.further_cases(),
             **vectorised,
         }
@@ -109,34 +134,6 @@ class BenchmarkDomain(abc.ABC):
     def renderers(self, size: int) -> dict[str, MujocoRenderer]:
         """Builds renderers of square images of a size [pixels]; the first is the denominator of every ratio."""
         return suite_renderers(lambda quality: self.load(render_quality=quality), size)
-
-
-def environment_case(environment: Any, *, num_envs: int = 0, num_threads: int = 1) -> Case:
-    """Returns the case of an environment with dm_env's or Gymnasium's interface."""
-
-    def episode(actions: NDArray[np.float64]) -> None:
-        environment.reset()
-        for action in actions:
-            environment.step(action)
-
-    return Case(episode=episode, num_envs=num_envs, num_threads=num_threads)
-
-
-def bare_case(model: mujoco.MjModel, qpos: NDArray[np.float64], substeps: int, control: Control) -> Case:
-    """Returns the case of bare physics steps, with generalised positions `qpos` at the start.
-
-    Each control step takes `substeps` physics steps, after `control` has set the controls for an action.
-    """
-    data = mujoco.MjData(model)
-
-    def episode(actions: NDArray[np.float64]) -> None:
-        mujoco.mj_resetData(model, data)
-        data.qpos[:] = qpos
-        for action in actions:
-            control(data, action)
-            mujoco.mj_step(model, data, substeps)
-
-    return Case(episode=episode)
 
 
 def vector_case_name(name: str, num_envs: int, num_threads: int) -> str:

@@ -1,7 +1,4 @@
-"""Benchmark cases of the kitchen, and other implementations of it: Gymnasium-Robotics' and, where installed, EnvPool's.
-
-None of their episodes terminates.
-"""
+"""Benchmark cases of the kitchen, of Gymnasium-Robotics and, where installed, EnvPool; no episode terminates."""
 
 import contextlib
 import importlib.util
@@ -18,15 +15,7 @@ from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks.cases import (
-    ADAPTER,
-    BARE,
-    BenchmarkDomain,
-    Case,
-    bare_case,
-    environment_case,
-    vector_case_name,
-)
+from kitchen_suite.benchmarks.cases import ADAPTER, BARE, BenchmarkDomain, Case, vector_case_name
 from kitchen_suite.entities import assets, build_kitchen_scene
 from kitchen_suite.tasks import KitchenTask
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, position_target
@@ -82,26 +71,23 @@ class KitchenBenchmark(BenchmarkDomain):
     def bare_cases(self) -> dict[str, Case]:
         suite_model = mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=False).arena.mjcf_model).model.ptr
         return {
-            name: bare_case(model, INITIAL_QPOS, round(CONTROL_TIMESTEP / PHYSICS_TIMESTEP), _control)
+            name: Case.bare(model, INITIAL_QPOS, round(CONTROL_TIMESTEP / PHYSICS_TIMESTEP), _control)
             for name, model in {BARE: original_model(), f"{BARE}, the suite's model": suite_model}.items()
         }
 
     def further_cases(self) -> dict[str, Case]:
+        task = KitchenTask(build_kitchen_scene(), **self.options)
+        settings: dict[str, Any] = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False}
         return {
-            "Gymnasium adapter, with visuals": environment_case(self.adapter(visuals=True)),
-            _FAST_ADAPTER: environment_case(self.adapter(physics="fast")),
-            "the same task in stock composer": self._stock_composer_case(),
+            "Gymnasium adapter, with visuals": Case.of(self.adapter(visuals=True)),
+            _FAST_ADAPTER: Case.of(self.adapter(physics="fast")),
+            "the same task in stock composer": Case.of(composer.Environment(task, random_state=0, **settings)),
             ORIGINAL: self._original_case(),
         }
 
-    def _stock_composer_case(self) -> Case:
-        task = KitchenTask(build_kitchen_scene(), **self.options)
-        settings: dict[str, Any] = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False}
-        return environment_case(composer.Environment(task, random_state=0, **settings))
-
     def _original_case(self) -> Case:
         with patched_kitchen_env() as kitchen_env:
-            case = environment_case(kitchen_env.KitchenEnv(**self.options))
+            case = Case.of(kitchen_env.KitchenEnv(**self.options))
 
         def episode(actions: NDArray[np.float64]) -> None:
             with patched_kitchen_env():

@@ -6,7 +6,7 @@ from dm_control import composer, mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks.cases import BARE, BenchmarkDomain, Case, bare_case, environment_case
+from kitchen_suite.benchmarks.cases import BARE, BenchmarkDomain, Case
 from kitchen_suite.entities import OpenCabinetScene, build_open_cabinet_scene
 from kitchen_suite.tasks.control_modes.joints import ACTION_SIZE, DEFAULT_POSE
 from kitchen_suite.tasks.open_cabinet import mdp
@@ -50,12 +50,12 @@ class OpenCabinetBenchmark(BenchmarkDomain):
         environment = self.load(visuals=False)
         environment.reset()
         physics, substeps = environment.physics, round(mdp.CONTROL_TIMESTEP / mdp.PHYSICS_TIMESTEP)
-        return {BARE: bare_case(physics.model.ptr, physics.data.qpos.copy(), substeps, _control)}
+        return {BARE: Case.bare(physics.model.ptr, physics.data.qpos.copy(), substeps, _control)}
 
     def further_cases(self) -> dict[str, Case]:
         task = EmptyTask(build_open_cabinet_scene(visuals=False))
         environment = composer.Environment(task, recompile_mjcf_every_episode=False)
-        return {"a task without observations or rewards": environment_case(environment)}
+        return {"a task without observations or rewards": Case.of(environment)}
 
 
 def _control(data: mujoco.MjData, action: NDArray[np.float64]) -> None:

@@ -21,8 +21,7 @@ SIZES = (128, 480)  # Width and height of images [pixels].
 
 SECONDS = 0.2  # Time that one measurement takes, at least one frame [s].
 
-# A geom group that is not drawn by default.
-_HIDDEN = 5
+_HIDDEN = 5  # A geom group that is not drawn by default.
 
 _FLAG, _GEOM = mujoco.mjtRndFlag, mujoco.mjtGeom
 
@@ -140,8 +139,7 @@ def _renderer(environment: Environment, size: int) -> MujocoRenderer:
 def measure(renderers: Callable[[int], Mapping[str, MujocoRenderer]], *, rounds: int) -> list[dict[str, Any]]:
     """Measures all renderers in every round; returns the results for each of `SIZES`.
 
-    `renderers` builds them by name for a width and height [pixels]. The best of the rounds counts, since other programs
-    only make a frame slower.
+    `renderers` builds them by name for a size [pixels]. The best of the rounds counts: other programs only slow down.
     """
     return [_measure_size(size, renderers(size), rounds) for size in SIZES]
 
@@ -160,15 +158,11 @@ def _measure_size(size: int, renderers: Mapping[str, MujocoRenderer], rounds: in
             timer.close()
     best = {name: {key: min(each[name][key] for each in measured) for key in measured[0][name]} for name in timers}
     first = best[next(iter(timers))]
-    results = {
-        name: {
-            "ratio": first["frame"] / times["frame"],
-            "num_faces": faces[name],
-            "times": {key: times[key] for key in times if key not in contents},
-            "contents": {content: times["frame"] - times[content] for content in contents},
-        }
-        for name, times in best.items()
-    }
+    results = {}
+    for name, times in best.items():
+        ratio, parts = first["frame"] / times["frame"], {key: times[key] for key in times if key not in contents}
+        saved = {content: times["frame"] - times[content] for content in contents}
+        results[name] = {"ratio": ratio, "num_faces": faces[name], "times": parts, "contents": saved}
     return {"size": size, "renderers": results}
 
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import importlib.metadata
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -141,9 +140,7 @@ class ExportJob:
         if self._folder.exists() and any(self._folder.iterdir()):
             raise FileExistsError(f"{self._folder} is not empty: name another folder")
         self._seed = settings.seed
-        self._spec = EnvironmentSpec.make(
-            domain_name=settings.domain_name, task_name=settings.task_name, task_kwargs=settings.environment_kwargs
-        )
+        self._spec = EnvironmentSpec.make(settings.domain_name, settings.task_name, settings.environment_kwargs)
         if settings.variation_values and settings.variations is None and "variations" not in settings.task_kwargs:
             raise ValueError("variation_values needs --variations, the parameters that vary")
         self._gymnasium_env = self._spec.make_environment(visuals=True)
@@ -160,7 +157,7 @@ class ExportJob:
             folder.mkdir()
             differences = write_scene(folder, self._environment)
             record = {**self._metadata(), **{name: each._asdict() for name, each in differences.items()}}
-            (folder / METADATA_FILE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+            files.write_json(folder / METADATA_FILE, record)
             (folder / PAGE_FILE).write_text(page(record), encoding="utf-8")
         print(f"{self._spec.domain_name} {self._spec.task_name}, seed {self._seed}, in {self._folder}")
         print(f"{BINARY_FILE}: the environment's model, to the bit")
@@ -213,20 +210,7 @@ def write_scene(folder: Path, environment: Environment) -> dict[str, Difference]
     np.savez(folder / STATE_FILE, integration=state)
     write_values(root, mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets()), model)
     root.keyframe.add("key", name=_KEYFRAME, qpos=data.qpos, qvel=data.qvel, ctrl=data.ctrl)
-    _write_xml(folder, root)
-    licences = [path for path in importlib.metadata.files("gymnasium-robotics") or () if path.name == "LICENSE"]
-    for path in licences[:1]:
-        (folder / LICENCE_FILE).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
-    assets = {f"{_ASSETS}/{path.name}": path.read_bytes() for path in (folder / _ASSETS).iterdir()}
-    compiled = mujoco.MjModel.from_xml_string((folder / XML_FILE).read_text(encoding="utf-8"), assets)
-    return {
-        "xml_greatest_difference": greatest_difference(compiled, model),
-        "xml_greatest_difference_in_physics": greatest_difference(compiled, model, physical=True),
-    }
-
-
-def _write_xml(folder: Path, root: Any) -> None:
-    """Writes an MJCF model, with all digits of its numbers, and its assets in a folder of their own."""
+    # With all digits of its numbers, and its assets in a folder of their own.
     tree = ElementTree.fromstring(root.to_xml_string())
     compiler = tree.find("compiler")
     assert compiler is not None
@@ -236,6 +220,15 @@ def _write_xml(folder: Path, root: Any) -> None:
     (folder / _ASSETS).mkdir()
     for name, contents in root.get_assets().items():
         (folder / _ASSETS / name).write_bytes(contents if isinstance(contents, bytes) else contents.encode())
+    licences = [path for path in importlib.metadata.files("gymnasium-robotics") or () if path.name == "LICENSE"]
+    for path in licences[:1]:
+        (folder / LICENCE_FILE).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    assets = {f"{_ASSETS}/{path.name}": path.read_bytes() for path in (folder / _ASSETS).iterdir()}
+    compiled = mujoco.MjModel.from_xml_string((folder / XML_FILE).read_text(encoding="utf-8"), assets)
+    return {
+        "xml_greatest_difference": greatest_difference(compiled, model),
+        "xml_greatest_difference_in_physics": greatest_difference(compiled, model, physical=True),
+    }
 
 
 def _action(mode: Any, spec: specs.Array) -> dict[str, Any]:

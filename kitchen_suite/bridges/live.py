@@ -307,15 +307,11 @@ class TeleoperatedEpisode(LiveEpisode):
         self.forget()
         self.saved += 1
 
-    def episode(self) -> EpisodeArrays:
-        """Returns the episode up to now, with at least one control step."""
-        return EpisodeArrays(
-            index=self.seed,
-            seed=self.seed,
-            arrays=self._rollout.buffer.arrays(),
-            seconds=self.steps * self.timestep,
-            instruction=self._environment.task.instruction,
-        )
+    def episode(self, *, with_observations: bool = True) -> EpisodeArrays:
+        """Returns the episode up to now, with at least one control step; argument as of `EpisodeBuffer.arrays`."""
+        arrays, seconds = self._rollout.buffer.arrays(with_observations=with_observations), self.steps * self.timestep
+        instruction = self._environment.task.instruction
+        return EpisodeArrays(index=self.seed, seed=self.seed, arrays=arrays, seconds=seconds, instruction=instruction)
 
     def keep(self) -> None:
         """Writes a copy of the episode up to now, without observations: the same control steps lead to the same ones.
@@ -329,13 +325,7 @@ class TeleoperatedEpisode(LiveEpisode):
             self.forget()
             return
         with contextlib.suppress(OSError):
-            arrays = self._rollout.buffer.arrays(with_observations=False)
-            episode = EpisodeArrays(
-                index=self.seed,
-                seed=self.seed,
-                arrays={**arrays, "observation": np.empty((self.steps + 1, 0))},
-                seconds=self.steps * self.timestep,
-            )
+            episode = self.episode(with_observations=False)
             stats = EpisodeStats.of(episode, self._environment.task.episode_metrics)
             RecordingFolder.claim(self._unsaved, self.spec).save(episode, stats)
 

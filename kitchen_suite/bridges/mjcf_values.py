@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import mujoco
@@ -44,26 +43,24 @@ def _inertial(model: mujoco.MjModel, field: str, body: int) -> Mapping[str, Any]
 
 
 # Namespaces of the elements that fields belong to, and readers, by field.
-_FIELDS: Mapping[str, tuple[str, _Reader]] = MappingProxyType(
-    {
-        "body_pos": ("body", _row("pos")),
-        "body_quat": ("body", _row("quat")),
-        "body_mass": ("body", _inertial),
-        "body_inertia": ("body", _inertial),
-        "dof_damping": ("joint", _of_joint("damping")),
-        "dof_frictionloss": ("joint", _of_joint("frictionloss")),
-        "geom_friction": ("geom", _row("friction")),
-        "geom_matid": ("geom", lambda model, field, geom: {"material": model.material(model.geom_matid[geom]).name}),
-        "geom_rgba": ("geom", _row("rgba")),
-        # Position servos, whose gain is `kp`.
-        "actuator_gainprm": ("actuator", lambda model, field, number: {"kp": getattr(model, field)[number, 0].item()}),
-        "mat_rgba": ("material", _row("rgba")),
-        **{f"light_{name}": ("light", _row(name)) for name in ("ambient", "diffuse", "dir", "specular")},
-        "cam_pos": ("camera", _row("pos")),
-        "cam_quat": ("camera", _row("quat")),
-        "cam_fovy": ("camera", lambda model, field, number: {"fovy": model.cam_fovy[number].item()}),
-    }
-)
+_FIELDS: Mapping[str, tuple[str, _Reader]] = {
+    "body_pos": ("body", _row("pos")),
+    "body_quat": ("body", _row("quat")),
+    "body_mass": ("body", _inertial),
+    "body_inertia": ("body", _inertial),
+    "dof_damping": ("joint", _of_joint("damping")),
+    "dof_frictionloss": ("joint", _of_joint("frictionloss")),
+    "geom_friction": ("geom", _row("friction")),
+    "geom_matid": ("geom", lambda model, field, geom: {"material": model.material(model.geom_matid[geom]).name}),
+    "geom_rgba": ("geom", _row("rgba")),
+    # Position servos, whose gain is `kp`.
+    "actuator_gainprm": ("actuator", lambda model, field, number: {"kp": getattr(model, field)[number, 0].item()}),
+    "mat_rgba": ("material", _row("rgba")),
+    **{f"light_{name}": ("light", _row(name)) for name in ("ambient", "diffuse", "dir", "specular")},
+    "cam_pos": ("camera", _row("pos")),
+    "cam_quat": ("camera", _row("quat")),
+    "cam_fovy": ("camera", lambda model, field, number: {"fovy": model.cam_fovy[number].item()}),
+}
 
 
 def write_values(root: Any, built: mujoco.MjModel, live: mujoco.MjModel) -> None:
@@ -82,23 +79,18 @@ def write_values(root: Any, built: mujoco.MjModel, live: mujoco.MjModel) -> None
             rows = np.unique(live.dof_jntid[rows])
         for number in rows.tolist():
             element = elements[namespace, mujoco.mj_id2name(live, kind, number)]
-            _set(element, reader(live, field, number), inertial=reader is _inertial)
-
-
-def _set(element: Any, attributes: Mapping[str, Any], *, inertial: bool) -> None:
-    if inertial:
-        if element.inertial is not None:
-            element.inertial.remove()
-        element.add("inertial", **attributes)
-        return
-    if "quat" in attributes:
-        for name in _ORIENTATIONS:
-            if getattr(element, name, None) is not None:
-                delattr(element, name)
-    if "material" in attributes:
-        material = element.root.root_model.find("material", attributes["material"])
-        attributes = {"material": material}
-    element.set_attributes(**attributes)
+            attributes = {**reader(live, field, number)}
+            if reader is _inertial:
+                if element.inertial is not None:
+                    element.inertial.remove()
+                element.add("inertial", **attributes)
+                continue
+            for name in _ORIENTATIONS if "quat" in attributes else ():
+                if getattr(element, name, None) is not None:
+                    delattr(element, name)
+            if "material" in attributes:
+                attributes["material"] = root.find("material", attributes["material"])
+            element.set_attributes(**attributes)
 
 
 class Difference(NamedTuple):

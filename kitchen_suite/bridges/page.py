@@ -66,8 +66,6 @@ class Person(Protocol):
 # What is to be done, by the name of what the viewer does, or with the person's episode.
 Command = str | Callable[[Any], None]
 
-_Callback = Callable[[Any], Coroutine[Any, Any, None]]
-
 
 class Page:
     """A server's page, and the browsers that show it; where a person plays, one of them controls.
@@ -100,12 +98,6 @@ class Page:
         self.server.scene.reset()
         self.commands = queue.SimpleQueue()
 
-    def add_control(self) -> None:
-        """Adds the button by which a browser takes control."""
-        self.gui.add_button("Take control", hint="Where several browsers show this page, one controls.").on_click(
-            self._take_control
-        )
-
     def accepts(self, event: Any) -> bool:
         """Returns whether an event comes from a browser that controls; tells the others."""
         if not self.exclusive or event.client_id == self.controlling:
@@ -115,7 +107,7 @@ class Page:
             event.client.add_notification("Watching", body, auto_close_seconds=5.0)
         return False
 
-    def putting(self, command: Command) -> _Callback:
+    def putting(self, command: Command) -> Callable[[Any], Coroutine[Any, Any, None]]:
         """Returns a callback of viser's that gives a command."""
 
         # In viser's event loop, which keeps the order of events; its threads do not.
@@ -168,7 +160,8 @@ class Page:
         if was_controlling and self.exclusive:
             self.commands.put("release")
 
-    async def _take_control(self, event: Any) -> None:
+    async def take_control(self, event: Any) -> None:
+        """Gives the browser of an event control; a callback of viser's."""
         if event.client_id != self.controlling:
             self._clients.sort(key=lambda client_id: client_id != event.client_id)
             # Of what the browser held that has controlled until now.
@@ -181,7 +174,8 @@ class HandPanel:
     def __init__(self, page: Page, *, hands_back: bool) -> None:
         """Adds them to a page; `hands_back` says whether another policy acts until the person does."""
         self._page, gui = page, page.gui
-        page.add_control()
+        take = gui.add_button("Take control", hint="Where several browsers show this page, one controls.")
+        take.on_click(page.take_control)
         gui.add_markdown(_HELP)
         self._size = page.guard(gui.add_dropdown("Nudge", tuple(NUDGES), initial_value=list(NUDGES)[1]))
         # Rows of two buttons, for those who have no keys.

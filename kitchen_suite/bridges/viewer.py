@@ -443,9 +443,7 @@ class Player:
         check_extra(f"policy {checks.shown(spec.policy)}")
         self._spec, self._options = spec, policies.options_of(spec.policy)
 
-    def start(
-        self, environment: dm_env.Environment, seed: int, options: Mapping[str, Any] | None = None
-    ) -> PlayedPolicy:
+    def __call__(self, environment: dm_env.Environment, seed: int, options: Mapping[str, Any] | None) -> PlayedPolicy:
         key = json.dumps([self._spec.as_json(), seed, dict(options or {})], default=np.ndarray.tolist)
         if key not in self._played:
             self._played[key] = self._play(seed, options)

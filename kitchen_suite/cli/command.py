@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from io import TextIOWrapper
 from pathlib import Path
-from types import FrameType, MappingProxyType, UnionType
+from types import FrameType, UnionType
 from typing import Any, NamedTuple, Protocol, cast
 
 from absl import flags
@@ -280,15 +280,13 @@ def _json_object(text: str) -> dict[str, Any]:
     return value
 
 
-_READERS: Mapping[Any, Callable[[str], Any]] = MappingProxyType(
-    {
-        str: str,
-        int: functools.partial(_number, int, "an integer"),
-        float: functools.partial(_number, float, "a number"),
-        Path: _path,
-        Mapping[str, Any]: _json_object,
-    }
-)
+_READERS: Mapping[Any, Callable[[str], Any]] = {
+    str: str,
+    int: functools.partial(_number, int, "an integer"),
+    float: functools.partial(_number, float, "a number"),
+    Path: _path,
+    Mapping[str, Any]: _json_object,
+}
 
 
 def fail(name: str, problem: object, status: int) -> int:
@@ -306,7 +304,11 @@ def run_process(name: str, main: Callable[[], int]) -> int:
     warnings.formatwarning = lambda message, category, *_, **__: f"{category.__name__}: {message}\n"
     status = SUCCESS
     try:
-        _raise_interrupts()
+        # SIGTERM too, with which batch systems stop a job. SIGINT stays ignored where it is, as in background jobs.
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
+            if number is not signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, _interrupt)
+        sys.unraisablehook = _raise_again
         status = main()
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -318,15 +320,6 @@ def run_process(name: str, main: Callable[[], int]) -> int:
             return BROKEN_PIPE
         return status or fail(name, f"stdout cannot be written to: {error}", FAILURE)
     return status
-
-
-def _raise_interrupts() -> None:
-    """Lets SIGINT and SIGTERM, with which batch systems stop a job, raise KeyboardInterrupt, also in destructors."""
-    # SIGINT stays ignored where it is, as in a shell's background jobs.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
-        if number is not signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _interrupt)
-    sys.unraisablehook = _raise_again
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

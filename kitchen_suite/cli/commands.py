@@ -319,7 +319,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command that the first argument names with the others, or lists all; returns the exit status."""
     name, *others = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     if name in ("--help", "-h"):
-        print(_listing())
+        print("kitchen-suite COMMAND [--help] runs one of the commands:\n")
+        for each, command in COMMANDS.items():
+            sentence = command.description.partition("\n")[0].partition(". ")[0]
+            print(f"  {each:<10} {sentence.rstrip('.')}.")
         return SUCCESS
     if name == "--version":
         print(f"kitchen-suite {kitchen_suite.__version__}")
@@ -334,9 +337,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def console_main() -> int:
     """Runs `kitchen-suite` as a process of its own; returns the exit status."""
     return run_process("kitchen-suite", main)
-
-
-def _listing() -> str:
-    sentences = {name: command.description.partition("\n")[0].partition(". ")[0] for name, command in COMMANDS.items()}
-    rows = [f"  {name:<10} {sentence.rstrip('.')}." for name, sentence in sentences.items()]
-    return "\n".join(["kitchen-suite COMMAND [--help] runs one of the commands:\n", *rows])

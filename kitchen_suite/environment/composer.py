@@ -3,48 +3,45 @@
 import importlib.metadata
 import pkgutil
 from collections.abc import Collection, Mapping
-from types import MappingProxyType
 
 # By class. Most are attributes of instances, some are methods.
-PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "dm_control.composer.environment:Environment": (
-            "_delayed_observation_padding",
-            "_fixed_initial_state",
-            "_fixed_random_state",
-            "_hooks",
-            "_legacy_step",
-            "_make_observation_updater",
-            "_n_sub_steps",
-            "_observation_updater",
-            "_overridden_n_sub_steps",
-            "_physics",
-            "_physics_proxy",
-            "_random_state",
-            "_recompile_physics",
-            "_reset_next_step",
-            "_strip_singleton_obs_buffer_dim",
-            "_substep",
-            "_task",
-        ),
-        "dm_control.mujoco.engine:Physics": (
-            "_contexts",
-            "_free_rendering_contexts",
-            "_make_rendering_contexts",
-            "_reload_from_data",
-        ),
-        "dm_control.composer.environment:_EnvironmentHooks": ("_after_substep", "_before_substep"),
-        "dm_control.composer.environment:_Hook": ("entity_hooks", "extra_hooks"),
-        "dm_control.composer.observation.updater:Updater": (
-            "_enabled_structure",
-            "_observables",
-            "_physics_steps_per_control_step",
-            "_step_counter",
-            "_strip_singleton_buffer_dim",
-        ),
-        "dm_control.composer.observation.updater:_EnabledObservable": ("buffer", "observation_callable"),
-    }
-)
+PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = {
+    "dm_control.composer.environment:Environment": (
+        "_delayed_observation_padding",
+        "_fixed_initial_state",
+        "_fixed_random_state",
+        "_hooks",
+        "_legacy_step",
+        "_make_observation_updater",
+        "_n_sub_steps",
+        "_observation_updater",
+        "_overridden_n_sub_steps",
+        "_physics",
+        "_physics_proxy",
+        "_random_state",
+        "_recompile_physics",
+        "_reset_next_step",
+        "_strip_singleton_obs_buffer_dim",
+        "_substep",
+        "_task",
+    ),
+    "dm_control.mujoco.engine:Physics": (
+        "_contexts",
+        "_free_rendering_contexts",
+        "_make_rendering_contexts",
+        "_reload_from_data",
+    ),
+    "dm_control.composer.environment:_EnvironmentHooks": ("_after_substep", "_before_substep"),
+    "dm_control.composer.environment:_Hook": ("entity_hooks", "extra_hooks"),
+    "dm_control.composer.observation.updater:Updater": (
+        "_enabled_structure",
+        "_observables",
+        "_physics_steps_per_control_step",
+        "_step_counter",
+        "_strip_singleton_buffer_dim",
+    ),
+    "dm_control.composer.observation.updater:_EnabledObservable": ("buffer", "observation_callable"),
+}
 
 
 def check_private_names(required: Mapping[str, Collection[str]] = PRIVATE_NAMES) -> None:

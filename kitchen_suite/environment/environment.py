@@ -75,31 +75,17 @@ class Physics(mjcf.Physics):
         super()._reload_from_data(data)
 
 
-class PhysicsState:
-    """Reads and writes the state of simulations of one model.
+def shared_elements(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """Returns which elements of MuJoCo's state vector a scene has with and without visuals.
 
-    Forces on bodies that hold only visual geoms are no part of it: a scene without visuals has no such bodies.
+    Forces on bodies that hold only visual geoms are not among them: a scene without visuals has no such bodies.
     """
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        """Finds the elements of MuJoCo's state vector that the scene has with and without visuals."""
-        self._model = model
-        self._is_shared = np.ones(mujoco.mj_stateSize(model, PHYSICS_STATE), bool)
-        # Six numbers for each body, after the parts of the lower flags: MuJoCo concatenates in the flags' order.
-        start = mujoco.mj_stateSize(model, int(PHYSICS_STATE) & (int(mujoco.mjtState.mjSTATE_XFRC_APPLIED) - 1))
-        forces = self._is_shared[start : start + 6 * model.nbody].reshape(model.nbody, 6)
-        forces[:] = [[not model.body(i).name.endswith(VISUAL_BODY)] for i in range(model.nbody)]
-
-    def read(self, data: mujoco.MjData) -> NDArray[np.float64]:
-        state = np.empty(self._is_shared.size)
-        mujoco.mj_getState(self._model, data, state, PHYSICS_STATE)
-        return state[self._is_shared]
-
-    def write(self, data: mujoco.MjData, state: NDArray[np.float64]) -> None:
-        """Sets a state, with zero forces on bodies that hold only visual geoms."""
-        whole = np.zeros(self._is_shared.size)
-        whole[self._is_shared] = state
-        mujoco.mj_setState(self._model, data, whole, PHYSICS_STATE)
+    is_shared = np.ones(mujoco.mj_stateSize(model, PHYSICS_STATE), bool)
+    # Six numbers for each body, after the parts of the lower flags: MuJoCo concatenates in the flags' order.
+    start = mujoco.mj_stateSize(model, int(PHYSICS_STATE) & (int(mujoco.mjtState.mjSTATE_XFRC_APPLIED) - 1))
+    forces = is_shared[start : start + 6 * model.nbody].reshape(model.nbody, 6)
+    forces[:] = [[not model.body(i).name.endswith(VISUAL_BODY)] for i in range(model.nbody)]
+    return is_shared
 
 
 def check_sleep(tree_asleep: NDArray[np.int32]) -> None:
@@ -200,6 +186,8 @@ class Environment(composer.Environment):
     - After a `PhysicsError` the next `step` starts a new episode.
     - With `flat_observation` the observation is one array, as in dm_control's suite.
     - `get_state` and `set_state` save and restore the environment in the middle of an episode.
+
+    `step_limit` is the number of control steps in an episode; infinite without a time limit.
     """
 
     def __init__(
@@ -227,14 +215,14 @@ class Environment(composer.Environment):
             warnings.filterwarnings("ignore", "get_state and legacy", RuntimeWarning)
             super().__init__(task, random_state=make_random_state(random_state), **kwargs)
         steps = time_limit / self.control_timestep()
-        self._step_limit = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
+        self.step_limit: float = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
         self._step_count = 0
         self._flat_observation = checks.boolean(flat_observation, "flat_observation")
         self._plan_substeps()
 
     def __repr__(self) -> str:
         timestep = self.control_timestep()
-        return f"Environment({self._task!r}, control_timestep={timestep:g}, step_limit={self._step_limit})"
+        return f"Environment({self._task!r}, control_timestep={timestep:g}, step_limit={self.step_limit})"
 
     @property
     def random_state(self) -> np.random.RandomState:
@@ -247,11 +235,6 @@ class Environment(composer.Environment):
         if self._fixed_initial_state:
             # composer starts every episode from this state.
             self._fixed_random_state = self._random_state.get_state(legacy=False)
-
-    @property
-    def step_limit(self) -> float:
-        """Control steps in an episode; infinite without a time limit."""
-        return self._step_limit
 
     def reset(self) -> dm_env.TimeStep:
         self._reset_next_step = True
@@ -269,12 +252,12 @@ class Environment(composer.Environment):
             self._reset_next_step = True
             raise
         self._step_count += 1
-        if timestep.mid() and self._step_count >= self._step_limit:
+        if timestep.mid() and self._step_count >= self.step_limit:
             self._reset_next_step = True
             timestep = timestep._replace(step_type=dm_env.StepType.LAST)
-        return (
-            timestep._replace(observation=self._flatten(timestep.observation)) if self._flat_observation else timestep
-        )
+        if not self._flat_observation:
+            return timestep
+        return timestep._replace(observation=self._flatten(timestep.observation))
 
     def observation_spec(self) -> collections.OrderedDict[str, specs.Array]:
         spec = super().observation_spec()
@@ -297,9 +280,10 @@ class Environment(composer.Environment):
 
     def get_state(self) -> dict[str, Any]:
         """Returns physics, task, random state and step count, on which later steps depend, alike without visuals."""
-        scene = self._task.scene
+        scene, physics = self._task.scene, np.empty(self._is_shared.size)
+        mujoco.mj_getState(self._physics.model.ptr, self._physics.data.ptr, physics, PHYSICS_STATE)
         return {
-            "physics": self._physics_state.read(self._physics.data.ptr),
+            "physics": physics[self._is_shared],
             "task": self._task.get_state(),
             "step_count": self._step_count,
             "reset_next_step": self._reset_next_step,
@@ -335,7 +319,9 @@ class Environment(composer.Environment):
         # The task goes first: it may change the model, from which mj_step1 then computes.
         self._task.set_state(state["task"])
         model, data = self._physics.model.ptr, self._physics.data.ptr
-        self._physics_state.write(data, state["physics"])
+        whole = np.zeros(self._is_shared.size)
+        whole[self._is_shared] = state["physics"]
+        mujoco.mj_setState(model, data, whole, PHYSICS_STATE)
         if self._task.scene.sleeps:
             # What sleeps keeps the pose that it has now.
             mujoco.mj_step1(model, data)
@@ -396,7 +382,7 @@ class Environment(composer.Environment):
             physics.free()
         self._physics = Physics.from_mjcf_model(self._task.root_entity.mjcf_model)
         self._physics.legacy_step = self._legacy_step
-        self._physics_state = PhysicsState(self._physics.model.ptr)
+        self._is_shared = shared_elements(self._physics.model.ptr)
 
     def _make_observation_updater(self) -> UnbufferedUpdater:
         padding = self._delayed_observation_padding == composer.ObservationPadding.INITIAL_VALUE

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 States = NDArray[np.float64]
 
-# The state among the 59 numbers that the kitchen observes.
-STATE = np.r_[0:9, 18:39]
+STATE = np.r_[0:9, 18:39]  # The state among the 59 numbers that the kitchen observes.
 
 # Objects of LEXA's goals: columns and values; `envs/kitchen.py` of orybkin/lexa-benchmark, lines 139 to 156.
 _LEXA_VALUES: Mapping[str, Mapping[int, float]] = MappingProxyType(
@@ -43,19 +42,16 @@ _EARL_GOAL = np.array(
     [2.456005e-05, 2.9547007e-07, *[2.4559975e-05, 2.954692e-07] * 3, 2.161876e-05, 5.0806757e-06, 0.0, 0.0, 0.0, 0.0]
 )
 
-# Positions of the robot's joints in the goal that GAS gives its policy; `D_utils/kitchen_utils.py` of
-# qortmdgh4141/GAS, line 43.
+# Positions of the robot's joints in the goals of GAS; `D_utils/kitchen_utils.py` of qortmdgh4141/GAS, line 43.
 GAS_ROBOT = (
     *(-2.4308119, -1.4440080, 1.0221981, -1.7869282, 0.18872257, 1.6170777, 1.2863032),
     *(0.025421469, 0.0074267522),
 )
 
-# Last states of a demonstration that are BESO's goal; `beso/envs/franka_kitchen/goals.py` of intuitive-robots/beso,
-# lines 82 to 93.
+# Number of last states in BESO's goal; `beso/envs/franka_kitchen/goals.py` of intuitive-robots/beso, lines 82 to 93.
 BESO_FRAMES = 2
 
-# Control steps from a start to the goal, and to the end of the episode; `docs/api/world.md` of stable-worldmodel, lines
-# 95 to 105.
+# Control steps from start to goal, and to the end; `docs/api/world.md` of stable-worldmodel, lines 95 to 105.
 GOAL_OFFSET, GOAL_STEPS = 30, 50
 
 # Distance of all positions of objects from those of a goal at which it is reached.
@@ -125,8 +121,7 @@ def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> States:
     """Returns the goal `(30,)` that goal-conditioned policies of D4RL's kitchen are given.
 
     `goals` are of D4RL's tasks, such as the `desired_goal` of an observation; the other objects are at 0, as in D4RL.
-    `robot` `(9,)` are positions of the robot's joints: `GAS_ROBOT`, or for HIQL those of the first observation of its
-    data; D4RL's own are 0.
+    `robot` `(9,)` are positions of its joints: `GAS_ROBOT`, for HIQL those of its data's first observation, 0 for D4RL.
     """
     goal = np.zeros(30)
     goal[:9] = robot

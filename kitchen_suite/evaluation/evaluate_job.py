@@ -21,11 +21,12 @@ from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import cameras
 from kitchen_suite.rollouts.episode import EpisodeBuffer, Waiting
 from kitchen_suite.rollouts.report import EpisodeBar, counted, print_line, table
-from kitchen_suite.rollouts.rollout import Controller, EndedEpisode, PolicyController, SingleRollout, VectorRollout
+from kitchen_suite.rollouts.rollout import Controller, PolicyController, SingleRollout, VectorEpisode, VectorRollout
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.rollouts.views import Page, PageStep
 from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
+from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Beginnings of the names of scores that are means in a unit of their own; all others are rates.
@@ -37,11 +38,11 @@ def format_heading(plan: EvaluationPlan) -> str:
     """Returns the line above the scores: what is evaluated, and on which episodes."""
     first, varied = plan.first, {spec.variations for spec in plan.specs.values()}
     each = " of each condition" if len(plan.specs) > 1 else ""
-    return (
-        f"{first.domain_name}, policy {policies.without_file(first.policy)}, protocol {plan.protocol}, "
-        f"{first.variations if len(varied) == 1 else 'variations by condition'}: "
-        f"{counted(plan.num_episodes)}{each}, seeds from {first.seed}"
+    variations = first.variations if len(varied) == 1 else "variations by condition"
+    played = (
+        f"{first.domain_name}, policy {policies.without_file(first.policy)}, protocol {plan.protocol}, {variations}"
     )
+    return f"{played}: {counted(plan.num_episodes)}{each}, seeds from {first.seed}"
 
 
 def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[str, Any]) -> str:
@@ -53,15 +54,10 @@ def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[
         rows.append((_ENTROPY, entropy, ""))
     parts = [table((title, counted(num_episodes), "95 % interval"), rows)]
     if "task_rates" in scores:
-        tasks = [
-            (
-                task,
-                _text("rate", row["rate"]),
-                _interval("rate", row["interval"]),
-                f"{row['completed']} of {row['asked']}",
-            )
-            for task, row in scores["task_rates"].items()
-        ]
+        tasks = []
+        for task, row in scores["task_rates"].items():
+            counts = f"{row['completed']} of {row['asked']}"
+            tasks.append((task, _text("rate", row["rate"]), _interval("rate", row["interval"]), counts))
         parts.append(table(("task", "completed", "95 % interval", "where asked"), tasks))
     if diverged := scores["diverged_seeds"]:
         where = f"the physics diverged in {counted(len(diverged))}"
@@ -72,10 +68,9 @@ def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[
 def format_summary(scores: Mapping[str, Mapping[str, Any]]) -> str:
     """Returns the table of all conditions: a row for each, without intervals."""
     keys = list(dict.fromkeys(key for each in scores.values() for key in each["intervals"]))
-    rows = [
-        (name, *(_text(key, each[key]) if key in each else "" for key in keys), _entropy(each))
-        for name, each in scores.items()
-    ]
+    rows = []
+    for name, each in scores.items():
+        rows.append((name, *(_text(key, each[key]) if key in each else "" for key in keys), _entropy(each)))
     return table(("condition", *map(_label, keys), _ENTROPY), rows)
 
 
@@ -201,18 +196,15 @@ class EvaluateJob:
 
     def _play(self, name: str, spec: EpisodeSpec, bar: EpisodeBar) -> None:
         plan = self._plan
-        waiting = collections.deque(
-            (index, seed)
-            for (condition, index), seed in self._seeds.items()
-            if condition == name and (condition, index) not in self._folder.results
-        )
+        missing = (index for index in range(plan.num_episodes) if (name, index) not in self._folder.results)
+        waiting = collections.deque((index, spec.seed + index) for index in missing)
         if not waiting:
             return
         num_envs = spec.num_envs(len(waiting), self._settings.num_envs)
         with contextlib.closing(spec.make_vector_env(num_envs, self._settings.num_threads)) as environments:
             controller = PolicyController(environments, spec.episode_policies())
-            recorded = self._settings.receipt is not None
-            for result, trace in play(name, plan, environments, controller, waiting, recorded=recorded):
+            kept = self._settings.receipt is not None
+            for result, trace in play(name, plan, environments, controller, waiting, kept=kept):
                 self._folder.add(dataclasses.replace(result, trace=trace.as_text()) if trace else result)
                 bar.count(result.success)
 
@@ -223,12 +215,8 @@ def as_json(plan: EvaluationPlan, scores: Mapping[str, Mapping[str, Any]]) -> di
     conditions = {name: {**task, **scores[name]} for name, task in description.pop("conditions").items()}
     is_own = plan.score or any(plan.measures.values())
     overall = PROTOCOLS[plan.protocol].overall(scores) if is_own else {}
-    return {
-        **description,
-        **next(iter(conditions.values())),
-        **({"overall": overall} if overall else {}),
-        "conditions": conditions,
-    }
+    of_all = {"overall": overall} if overall else {}
+    return {**description, **next(iter(conditions.values())), **of_all, "conditions": conditions}
 
 
 def check_receipt(plan: EvaluationPlan) -> None:
@@ -238,45 +226,33 @@ def check_receipt(plan: EvaluationPlan) -> None:
     episodes = plan.num_episodes * len(plan.specs)
     steps = episodes * plan.first.max_episode_steps
     if episodes > MAX_EPISODES or steps > MAX_STEPS:
-        raise ValueError(
-            f"a receipt holds at most {MAX_EPISODES:,} episodes and {MAX_STEPS:,} control steps, not {episodes:,} and "
-            f"{steps:,}: evaluate fewer episodes"
-        )
+        limits = f"at most {MAX_EPISODES:,} episodes and {MAX_STEPS:,} control steps"
+        raise ValueError(f"a receipt holds {limits}, not {episodes:,} and {steps:,}: evaluate fewer episodes")
 
 
 def play(
-    name: str,
-    plan: EvaluationPlan,
-    environments: SuiteVectorEnv,
-    controller: Controller,
-    waiting: Waiting,
-    *,
-    recorded: bool,
+    name: str, plan: EvaluationPlan, environments: SuiteVectorEnv, controller: Controller, waiting: Waiting, kept: bool
 ) -> Iterator[tuple[EpisodeResult, Trace | None]]:
     """Yields result and trace of each episode of the condition of a name as it ends.
 
-    `waiting` has the numbers and seeds of the episodes. Unless they are `recorded`, which takes some percent of the
-    time, traces are None.
+    `waiting` has the numbers and seeds of the episodes. Traces, some percent of the time, are None unless `kept`.
     """
     spec, measures, resets = plan.specs[name], plan.measures[name], plan.resets.get(name, ())
-    recorder = TraceRecorder(environments, controller) if recorded or measures else None
+    recorder = TraceRecorder(environments, controller) if kept or measures else None
     for index, episode in VectorRollout(environments, recorder or controller, resets).play(waiting):
         reset = plan.reset_options(name, index)
         key = {"condition": name, "episode": index, "seed": spec.seed + index, "reset": reset}
-        result = _result(environments, spec, episode, key)
+        result = _result(environments.composer_task, spec, episode, key)
         trace = recorder.trace(episode) if recorder else None
         if recorder and measures:
             states = recorder.observations(episode)[:, criteria.STATE]
             goals = np.array(reset.get(GOAL_STATES, ()))
             result = dataclasses.replace(result, measures={key: of(states, goals) for key, of in measures.items()})
-        yield result, trace if recorded else None
+        yield result, trace if kept else None
 
 
-def _result(
-    environments: SuiteVectorEnv, spec: EpisodeSpec, episode: EndedEpisode, key: Mapping[str, Any]
-) -> EpisodeResult:
+def _result(task: SuiteTask, spec: EpisodeSpec, episode: VectorEpisode, key: Mapping[str, Any]) -> EpisodeResult:
     """Returns the result of an episode; of one whose physics has diverged that of its start, as a failure."""
-    task = environments.composer_task
     if not episode.diverged:
         infos = episode.last_info
         return EpisodeResult.of(task, infos, control_steps=int(infos["episode_step"]), **key)

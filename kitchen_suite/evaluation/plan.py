@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from msgspec import Meta
@@ -40,10 +40,7 @@ class EvaluationPlan:
 
     @property
     def conditions(self) -> dict[str, Condition]:
-        """The protocol's condition by each name; one of no further measures where its task was replaced.
-
-        Goals are those of the protocol for any task.
-        """
+        """The protocol's condition by each name; where its task was replaced, one with its goals, but no measures."""
         protocol = PROTOCOLS[self.protocol]
         own = {(condition.name, condition.task_name): condition for condition in protocol.conditions}
         replaced = Condition(goals=protocol.conditions[0].goals)
@@ -71,7 +68,10 @@ class EvaluationPlan:
     @property
     def description(self) -> dict[str, Any]:
         """The evaluation without its results, as JSON represents it, without paths and times."""
-        first = self.first
+        first, conditions = self.first, {}
+        for name, spec in self.specs.items():
+            task = {"task_name": spec.task_name, "task_kwargs": dict(spec.task_kwargs)}
+            conditions[name] = {**task, "policy_sha256": spec.policy_sha256}
         return {
             "protocol": self.protocol,
             "domain_name": first.domain_name,
@@ -81,7 +81,7 @@ class EvaluationPlan:
             "max_episode_steps": first.max_episode_steps,
             **({"goals_sha256": hashlib.sha256(json.dumps(self.resets).encode()).hexdigest()} if self.resets else {}),
             "versions": dict(first.versions),
-            "conditions": {name: _described(spec) for name, spec in self.specs.items()},
+            "conditions": json.loads(json.dumps(conditions)),
         }
 
     @property
@@ -92,9 +92,7 @@ class EvaluationPlan:
         return [name for name in mine if mine[name] != its[name]]
 
     @classmethod
-    def of(
-        cls, description: Mapping[str, Any], resets: Mapping[str, list[dict[str, Any]]] | None = None
-    ) -> "EvaluationPlan":
+    def of(cls, description: Mapping[str, Any], resets: Mapping[str, list[dict[str, Any]]] | None = None) -> Self:
         """Returns the plan of a description, unprepared; a TypeError or ValueError for one of another version."""
         record = files.parse(description, _Description, "not the description of an evaluation")
         domain = suite.DOMAINS[checks.choice(record.domain_name, suite.DOMAINS, "domain")]
@@ -109,7 +107,7 @@ class EvaluationPlan:
             )
         return cls(protocol=protocol.name, specs=specs, num_episodes=record.num_episodes).with_resets(resets or {})
 
-    def with_resets(self, resets: Mapping[str, list[dict[str, Any]]]) -> "EvaluationPlan":
+    def with_resets(self, resets: Mapping[str, list[dict[str, Any]]]) -> Self:
         """Returns the plan with options of resets; a ValueError unless the conditions with goals have some that fit."""
         wanted = {name for name, condition in self.conditions.items() if condition.goals}
         if resets.keys() != wanted:
@@ -119,9 +117,8 @@ class EvaluationPlan:
                 requests = suite_env(environment).composer_task.requests
             for options in each:
                 if not options or not options.keys() <= {*requests.options}:
-                    raise ValueError(
-                        f"options of the reset of an episode of {name} are no goals: {checks.shown(options)}"
-                    )
+                    shown = checks.shown(options)
+                    raise ValueError(f"options of the reset of an episode of {name} are no goals: {shown}")
                 requests.checked(options)
             if len(each) != self.num_episodes:
                 raise ValueError(f"{len(each)} episodes of {name} have goals of their own, not {self.num_episodes}")
@@ -157,9 +154,7 @@ def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
     taken = {name: condition.goals for name, condition in plan.conditions.items() if condition.goals}
     if settings.dataset is None:
         if taken:
-            raise ValueError(
-                f"protocol {plan.protocol!r} needs --dataset, the folder of a recording to take goals from"
-            )
+            raise ValueError(f"protocol {plan.protocol!r} needs --dataset, a folder of a recording to take goals from")
         return dataclasses.replace(plan, specs=prepared)
     if not taken:
         raise ValueError(f"protocol {plan.protocol!r} takes no goals from a --dataset")
@@ -213,13 +208,12 @@ def _unprepared(settings: EvaluateSettings) -> EvaluationPlan:
 
 
 def _values(plan: EvaluationPlan) -> dict[str, Any]:
-    first = plan.first
-    single = {"seed": first.seed, "num_episodes": plan.num_episodes, "max_episode_steps": first.max_episode_steps}
-    conditions = {name: _described(spec) for name, spec in plan.specs.items()}
-    for condition in conditions.values():
+    values = plan.description
+    for condition in values["conditions"].values():
         condition["task_kwargs"].pop("extra_observables", None)
         del condition["policy_sha256"]
-    return {**single, "conditions": [*conditions.items()]}
+    names = ("seed", "num_episodes", "max_episode_steps")
+    return {**{name: values[name] for name in names}, "conditions": [*values["conditions"].items()]}
 
 
 def find_protocol(name: str, domain_name: str) -> Protocol:
@@ -252,8 +246,3 @@ def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, EpisodeS
             replaced = condition.task_name not in (None, spec.task_name)
             specs[spec.task_name if replaced else condition.name or spec.task_name] = spec
     return specs
-
-
-def _described(spec: EpisodeSpec) -> dict[str, Any]:
-    described = {"task_name": spec.task_name, "task_kwargs": dict(spec.task_kwargs)}
-    return json.loads(json.dumps({**described, "policy_sha256": spec.policy_sha256}))

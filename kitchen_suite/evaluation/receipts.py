@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
 from kitchen_suite.evaluation.results import EpisodeResult
-from kitchen_suite.rollouts.rollout import BatchStep, Controller, EndedEpisode
+from kitchen_suite.rollouts.rollout import BatchStep, Controller, VectorEpisode
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import machine
 
@@ -39,8 +39,7 @@ FORMAT = 1
 # What is written, so that it can be read again: some 42 bytes a control step and 250 an episode.
 MAX_EPISODES, MAX_STEPS = 50_000, 10_000_000
 
-# Arrays of a condition.
-_PARTS = ("steps", "actions", "checks", "digests", "last")
+_PARTS = ("steps", "actions", "checks", "digests", "last")  # Arrays of a condition.
 
 # Greatest length of a text in the metadata, and that of the digest at the end of the file.
 _MAX_TEXT, _SEAL = 1_000, 2 * hashlib.sha256().digest_size
@@ -84,42 +83,14 @@ class Trace:
         return float(np.nan_to_num(differences, nan=np.inf).max(initial=0.0))
 
 
-class _OpenTrace:
-    """The trace of an episode in progress."""
-
-    def __init__(self) -> None:
-        self.numbers: list[NDArray[np.float64]] = []
-        self._hash = hashlib.sha256()
-        self._checks: list[bytes] = []
-        self._actions: list[NDArray] = []
-
-    def add_numbers(self, numbers: NDArray[np.float64]) -> None:
-        """Adds the numbers of a reset, or of the control step that the last action has made."""
-        self.numbers.append(numbers)
-        self._hash.update(numbers.astype("<f8").tobytes())
-        self._checks.append(self._hash.digest()[:2])
-
-    def add_action(self, action: NDArray) -> None:
-        self._actions.append(action.astype("<f4"))
-
-    @property
-    def trace(self) -> Trace:
-        with np.errstate(over="ignore"):
-            last = self.numbers[-1].astype("<f4")
-        return Trace(
-            actions=np.array(self._actions),
-            checks=np.frombuffer(b"".join(self._checks), "<u2"),
-            digest=np.frombuffer(self._hash.digest(), np.uint8),
-            last=last,
-        )
-
-
 class TraceRecorder:
     """Acts as another controller does, and keeps the traces of its episodes."""
 
     def __init__(self, environments: SuiteVectorEnv, controller: Controller) -> None:
         self._environments, self._controller = environments, controller
-        self._open: dict[int, _OpenTrace] = {}
+        # Of the episode in progress in each environment.
+        self._numbers: dict[int, list[NDArray[np.float64]]] = {}
+        self._actions: dict[int, list[NDArray]] = {}
 
     @property
     def labels(self) -> Mapping[str, NDArray]:
@@ -127,30 +98,36 @@ class TraceRecorder:
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
         self._controller.start(i, seed, options)
-        self._open[i] = _OpenTrace()
+        self._numbers[i], self._actions[i] = [], []
 
     def act(self, step: BatchStep) -> NDArray:
         playing = np.flatnonzero(step.is_playing).tolist()
-        numbers = self._numbers(np.where(step.is_first, 0.0, step.rewards))
+        numbers = self._present(np.where(step.is_first, 0.0, step.rewards))
         actions = self._controller.act(step)
         for i in playing:
-            self._open[i].add_numbers(numbers[i])
-            self._open[i].add_action(actions[i])
+            self._numbers[i].append(numbers[i])
+            self._actions[i].append(actions[i].astype("<f4"))
         return actions
 
-    def trace(self, episode: EndedEpisode) -> Trace:
-        opened = self._open[episode.i]
+    def trace(self, episode: VectorEpisode) -> Trace:
+        numbers, hashed, words = self._numbers[episode.i], hashlib.sha256(), b""
         if episode.diverged:
-            opened.add_numbers(np.full_like(opened.numbers[-1], np.nan))
+            numbers.append(np.full_like(numbers[-1], np.nan))
         else:
-            opened.add_numbers(self._numbers(np.full(self._environments.num_envs, episode.rewards[-1]))[episode.i])
-        return opened.trace
+            numbers.append(self._present(np.full(self._environments.num_envs, episode.rewards[-1]))[episode.i])
+        for each in numbers:
+            hashed.update(each.astype("<f8").tobytes())
+            words += hashed.digest()[:2]
+        with np.errstate(over="ignore"):
+            last = numbers[-1].astype("<f4")
+        actions, digest = np.array(self._actions[episode.i]), np.frombuffer(hashed.digest(), np.uint8)
+        return Trace(actions=actions, checks=np.frombuffer(words, "<u2"), digest=digest, last=last)
 
-    def observations(self, episode: EndedEpisode) -> NDArray[np.float64]:
+    def observations(self, episode: VectorEpisode) -> NDArray[np.float64]:
         """Returns the observed numbers `(T + 1, m)` of an episode whose trace has been taken."""
-        return np.stack(self._open[episode.i].numbers)[:, 1:]
+        return np.stack(self._numbers[episode.i])[:, 1:]
 
-    def _numbers(self, rewards: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _present(self, rewards: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the numbers `(n, 1 + m)` of the present step."""
         parts = [rewards, *self._environments.present_numbers.values()]
         return np.concatenate([part.reshape(len(rewards), -1) for part in parts], axis=1, dtype=np.float64)
@@ -208,9 +185,7 @@ class Receipt:
             "machine": self.machine,
             "episodes": {name: [*map(_entry, results)] for name, results in self.results.items()},
         }
-        arrays = {
-            f"{name}/{part}": array for name, traces in self.traces.items() for part, array in _stacked(traces).items()
-        }
+        arrays = {f"{name}/{part}": rows for name, each in self.traces.items() for part, rows in _stacked(each).items()}
         with files.atomic_write(path) as partial:
             partial.write_bytes(sealed(files.pack_arrays({**arrays, "metadata": np.array(json.dumps(record))})))
 
@@ -294,11 +269,11 @@ def _stacked(traces: Sequence[Trace]) -> dict[str, NDArray]:
 
 def _unstacked(arrays: Mapping[str, NDArray], name: str, count: int) -> list[Trace]:
     """Returns the traces of the `count` episodes of a condition; raises a ValueError for other arrays."""
-    steps, planes, digest_checks, digests, last = (arrays[f"{name}/{part}"] for part in _PARTS)
+    steps, planes, words, digests, last = (arrays[f"{name}/{part}"] for part in _PARTS)
     actions = _from_planes(planes)
     expected = {
         "steps": (steps, np.int64, (count,)),
-        "checks": (digest_checks, np.uint16, (len(actions) + count,)),
+        "checks": (words, np.uint16, (len(actions) + count,)),
         "digests": (digests, np.uint8, (count, hashlib.sha256().digest_size)),
         "last": (last, np.float32, (count, *last.shape[-1:])),
     }
@@ -308,7 +283,5 @@ def _unstacked(arrays: Mapping[str, NDArray], name: str, count: int) -> list[Tra
     if steps.min() < 1 or steps.sum() != len(actions):
         raise ValueError(f"{name}/steps do not fit {len(actions)} actions")
     stops = np.cumsum(steps)[:-1]
-    rows = zip(
-        np.split(actions, stops), np.split(digest_checks, stops + np.arange(1, count)), digests, last, strict=True
-    )
+    rows = zip(np.split(actions, stops), np.split(words, stops + np.arange(1, count)), digests, last, strict=True)
     return [Trace(actions=a, checks=c, digest=d, last=e) for a, c, d, e in rows]

@@ -21,14 +21,12 @@ from kitchen_suite.rollouts.spec import EpisodeSpec, even_count
 from kitchen_suite.settings import VerifySettings
 from kitchen_suite.versions import installed_versions, machine
 
-# Exit status where all scores are equal, but not all digits.
-DIGITS_DIFFER = 3
+DIGITS_DIFFER = 3  # Exit status where all scores are equal, but not all digits.
 
 # Arguments of environments that only pictures depend on; a replay makes none.
 _OF_PICTURES = {*PICTURE_OPTIONS, "obs_type", "render_quality"}
 
-# Episodes that differ of which the report has a line.
-_MAX_LINES = 10
+_MAX_LINES = 10  # Episodes that differ of which the report has a line.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -114,7 +112,7 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
             if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
                 raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
             replay = Replay({result.seed: trace.actions for result, trace in zip(results, traces, strict=True)})
-            for replayed, trace in play(name, plan, environments, replay, waiting, recorded=True):
+            for replayed, trace in play(name, plan, environments, replay, waiting, kept=True):
                 assert trace
                 recorded, given = results[replayed.episode], traces[replayed.episode]
                 first = given.first_difference(trace)
@@ -146,11 +144,9 @@ def checked_plan(receipt: Receipt) -> EvaluationPlan:
     # Numbers of other types are equal, but read otherwise.
     if json.dumps(receipt.evaluation, sort_keys=True) != json.dumps(written, sort_keys=True):
         raise ValueError("the receipt was altered: its scores are not numbers of the types that are written")
-    if [*receipt.replaced] != plan.replaced:
-        raise ValueError(
-            f"{plan.replaced} are not the protocol's values, but the receipt names {[*receipt.replaced]}: it was "
-            "altered, or the protocol is another one here"
-        )
+    if (named := [*receipt.replaced]) != plan.replaced:
+        problem = f"{plan.replaced} are not the protocol's values, but the receipt names {named}"
+        raise ValueError(f"{problem}: it was altered, or the protocol is another one here")
     return plan
 
 
@@ -180,9 +176,8 @@ def _circumstances(receipt: Receipt) -> list[str]:
         lines.append(f"not verified, since only pictures depend on it: {', '.join(unseen)}")
     here = {**installed_versions(), "processor": machine()}
     there: Mapping[str, Any] = {**receipt.evaluation["versions"], "processor": receipt.machine}
-    return lines + [
-        f"made with {name} {there.get(name)}, here {here[name]}" for name in here if here[name] != there.get(name)
-    ]
+    differing = [name for name in here if here[name] != there.get(name)]
+    return [*lines, *(f"made with {name} {there.get(name)}, here {here[name]}" for name in differing)]
 
 
 def _table(compared: Mapping[str, list[Comparison]]) -> str:

@@ -158,7 +158,14 @@ class SuiteEnv(gymnasium.Env):
         )
         self.composer_task = self.environment.task
         observations.check_extras(self.composer_task, obs_type, self.obs_types)
-        self._set_action_space(limit)
+        spec = self.environment.action_spec()
+        (self._action_size,) = spec.shape
+        # The limit is for control modes without bounds.
+        self._action_limit = math.inf if isinstance(spec, specs.BoundedArray) else limit
+        self.clips_actions = self._action_limit < math.inf
+        bounds = (spec.minimum, spec.maximum) if isinstance(spec, specs.BoundedArray) else (-limit, limit)
+        low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
+        self.action_space = spaces.Box(low, high, dtype=np.float32)
         self.varies = bool(self.composer_task.variations.by_name)
         self._physics_info = {} if physics == EXACT else {PHYSICS: physics}
         self._renderer.check_camera(self.environment)
@@ -197,16 +204,6 @@ class SuiteEnv(gymnasium.Env):
     @classmethod
     def _constructors(cls) -> list[Any]:
         return [vars(base)["__init__"] for base in cls.__mro__ if "__init__" in vars(base)]
-
-    def _set_action_space(self, limit: float) -> None:
-        """Sets the space of actions, in single precision, with the limit where the control mode has no bounds."""
-        spec = self.environment.action_spec()
-        (self._action_size,) = spec.shape
-        self._action_limit = math.inf if isinstance(spec, specs.BoundedArray) else limit
-        self.clips_actions = self._action_limit < math.inf
-        bounds = (spec.minimum, spec.maximum) if isinstance(spec, specs.BoundedArray) else (-limit, limit)
-        low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
-        self.action_space = spaces.Box(low, high, dtype=np.float32)
 
     def _make_observations(self, obs_type: str, make: Callable[..., Observations] = Observations) -> Observations:
         limit, dtype = self.observation_limit, self.observation_dtype
@@ -375,13 +372,7 @@ class SuiteEnv(gymnasium.Env):
         """Sets a state returned by `get_state` of this environment, or of another one built with the same arguments.
 
         Arguments of rendering may differ: a state of an environment without a render mode can be set in one with it.
-
-        Returns:
-          The observation.
-
-        Raises:
-          TypeError: a part of the state has the wrong type.
-          ValueError: a part of the state is missing, has the wrong shape or is not finite; nothing has changed then.
+        Returns the observation; raises as `Environment.set_state`.
         """
         if not isinstance(state, Mapping):
             raise TypeError(f"state must be a dict returned by get_state, got {checks.shown(state)}")

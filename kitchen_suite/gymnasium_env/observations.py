@@ -6,7 +6,6 @@ observation, from which most parts of an observation type are taken.
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,16 +18,14 @@ from kitchen_suite.tasks.observables import Picture
 from kitchen_suite.tasks.task import SuiteTask
 
 # Kinds of parts, in the order of the observation, by observation type. `goal` needs a task with goals.
-OBS_TYPES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "goal": ("observation", "goals"),
-        "state": ("observation",),
-        "environment_state_agent_pos": ("environment_state", "agent_pos"),
-        "pixels": ("pixels",),
-        "pixels_agent_pos": ("pixels", "agent_pos"),
-        "pixels_environment_state_agent_pos": ("pixels", "environment_state", "agent_pos"),
-    }
-)
+OBS_TYPES: Mapping[str, tuple[str, ...]] = {
+    "goal": ("observation", "goals"),
+    "state": ("observation",),
+    "environment_state_agent_pos": ("environment_state", "agent_pos"),
+    "pixels": ("pixels",),
+    "pixels_agent_pos": ("pixels", "agent_pos"),
+    "pixels_environment_state_agent_pos": ("pixels", "environment_state", "agent_pos"),
+}
 
 # Arguments of tasks that choose what cameras observe.
 PICTURE_OPTIONS = ("cameras", "image_size", "depth", "segmentation")

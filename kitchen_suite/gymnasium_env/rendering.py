@@ -36,9 +36,13 @@ class Renderer:
         """Checks the arguments, which are those of `SuiteEnv`."""
         if camera_name is not None and camera_id is not None:
             raise ValueError(f"pass camera_id or camera_name, not both: {checks.shown((camera_id, camera_name))}")
+        if not isinstance(default_camera_config, Mapping):
+            raise TypeError(f"default_camera_config must be a dict, got {checks.shown(default_camera_config)}")
+        names = [name for name in dir(mujoco.MjvCamera) if not name.startswith("_")]
+        config = {checks.choice(name, names, "camera attribute"): each for name, each in default_camera_config.items()}
         self._camera_id, self._camera_name = camera_id, camera_name
         self._settings: dict[str, Any] = {
-            "default_cam_config": _checked_camera_config(default_camera_config),
+            "default_cam_config": config,
             "width": checks.integer(width, "width", minimum=1, maximum=MAX_SIZE),
             "height": checks.integer(height, "height", minimum=1, maximum=MAX_SIZE),
             "camera_id": camera_id,
@@ -113,13 +117,6 @@ def checked_render_mode(render_mode: str) -> str:
     if checks.choice(render_mode, RENDER_MODES, "render_mode") == "human":
         gl.check_window()
     return render_mode
-
-
-def _checked_camera_config(config: Mapping[str, Any]) -> dict[str, Any]:
-    if not isinstance(config, Mapping):
-        raise TypeError(f"default_camera_config must be a dict, got {checks.shown(config)}")
-    names = [name for name in dir(mujoco.MjvCamera) if not name.startswith("_")]
-    return {checks.choice(name, names, "camera attribute"): value for name, value in config.items()}
 
 
 def _checked_visual_options(options: Mapping[int, bool] | None) -> dict[int, bool]:

@@ -7,11 +7,13 @@ part of the state alone, and the pictures of some cameras.
 
 import abc
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import dm_env
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
@@ -26,6 +28,51 @@ if TYPE_CHECKING:
 _ROWS = 4
 
 
+_Count = Annotated[int, Meta(ge=1)]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ImitatedMetadata:
+    """The metadata of an `ImitatedPolicy` on its inputs and chunks.
+
+    Attributes:
+      chunk: number of actions that are predicted at once.
+      executed: how many of them are applied before the next prediction.
+      state_size: number of elements of the state among the inputs.
+      tasks: those whose request is an input; empty if none is.
+      state_elements: indices of the elements of the state among the inputs, increasing; None for all.
+      goal_size: number of elements of the last goal state, that are the last inputs; 0 for a policy without goals.
+      extra_observables: number of elements of each extra observable among the inputs, by name; None in files of earlier
+        versions, whose policies take all that a task has.
+      layout: values of extra observables that are always the same in the default layout, where tasks may lack them.
+      cameras: names of the cameras whose pictures it takes.
+      image_size: height and width of these pictures.
+    """
+
+    chunk: _Count
+    executed: _Count
+    state_size: _Count
+    tasks: list[str]
+    state_elements: list[int] | None = None
+    goal_size: Annotated[int, Meta(ge=0)] = 0
+    extra_observables: dict[str, int] | None = None
+    layout: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+    cameras: list[str] = dataclasses.field(default_factory=list)
+    image_size: tuple[int, int] = (0, 0)
+
+    def __post_init__(self) -> None:
+        """Checks that the entries fit together."""
+        if self.executed > self.chunk:
+            raise ValueError(f"executed is {self.executed}, but a chunk has {self.chunk} actions")
+        elements = self.state_elements
+        if elements is not None and (len(elements) != self.state_size or (np.diff([-1, *elements]) <= 0).any()):
+            shown = checks.shown(elements)
+            raise ValueError(f"state_elements must be {self.state_size} increasing indices, got {shown}")
+        sizes = self.extra_observables or {}
+        if wrong := [name for name, values in self.layout.items() if sizes.get(name) != len(values)]:
+            raise ValueError(f"layout has values of {wrong} that do not fit the extra_observables {sizes}")
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class ImitatedPolicy(StoredPolicy):
     """A policy that predicts chunks of actions.
@@ -35,13 +82,8 @@ class ImitatedPolicy(StoredPolicy):
       networks: by name.
       tables: further arrays by name.
       encoders: of the pictures of its cameras, whose features are further inputs of the first network.
-      metadata: JSON-compatible; beside what every stored policy has, `algorithm`, `chunk`, the number of actions that
-        are predicted, `executed`, how many of them are applied before the next prediction, `state_size`, the number of
-        elements of the state among the inputs, and `tasks`; where these are not all elements, their indices as
-        `state_elements`. The last ones are of extra observables: `extra_observables` has their sizes by name, and
-        `layout` the values in the default layout of those that are the same in all episodes there. If it sees,
-        `cameras` has the names, and `image_size` height and width of the pictures. If it reaches goals, `goal_size` is
-        the number of elements of the last goal state that are its last inputs.
+      metadata: JSON-compatible; beside what every stored policy has, `algorithm` and the attributes of
+        `ImitatedMetadata`. The last elements of the state are of extra observables.
     """
 
     network_names: ClassVar[tuple[str, ...]]
@@ -55,30 +97,14 @@ class ImitatedPolicy(StoredPolicy):
 
     def __post_init__(self) -> None:
         """Checks that all parts fit together."""
-        checks.integer(self.metadata.get("chunk"), "chunk", minimum=1)
-        executed = checks.integer(self.metadata.get("executed"), "executed", minimum=1)
-        if executed > self.chunk:
-            raise ValueError(f"executed is {executed}, but a chunk has {self.chunk} actions")
-        size = checks.integer(self.metadata.get("state_size"), "state_size", minimum=1) + len(self.tasks)
-        size += checks.integer(self.goal_size, "goal_size", minimum=0)
+        given = self.given
+        size = given.state_size + len(given.tasks) + given.goal_size
         if self.scales.input_mean.size != size:
             raise ValueError(f"there are {self.scales.input_mean.size} inputs, but state, tasks and goal have {size}")
-        if (elements := self.state_elements) is not None:
-            number = self.metadata["state_size"]
-            is_list = isinstance(elements, list) and all(type(element) is int for element in elements)
-            if not is_list or len(elements) != number or (np.diff([-1, *elements]) <= 0).any():
-                raise ValueError(f"state_elements must be {number} increasing indices, got {checks.shown(elements)}")
-        sizes = files.parse(self.metadata.get("extra_observables", {}), dict[str, int], "extra_observables")
-        layout = files.parse(self.layout, dict[str, list[float]], "layout")
-        if wrong := [name for name, values in layout.items() if sizes.get(name) != len(values)]:
-            raise ValueError(f"layout has values of {wrong} that do not fit the extra_observables {sizes}")
-        cameras = files.parse(self.metadata.get("cameras", []), list[str], "cameras")
-        if len(cameras) != len(self.encoders):
-            raise ValueError(f"there are {len(self.encoders)} encoders for the cameras {cameras}")
-        if cameras:
-            height, width = files.parse(self.metadata.get("image_size"), tuple[int, int], "image_size")
-            for encoder in self.encoders:
-                encoder.check_takes(height, width)
+        if len(given.cameras) != len(self.encoders):
+            raise ValueError(f"there are {len(self.encoders)} encoders for the cameras {given.cameras}")
+        for encoder in self.encoders:
+            encoder.check_takes(*given.image_size)
         self._check_sizes()
 
     @abc.abstractmethod
@@ -94,63 +120,30 @@ class ImitatedPolicy(StoredPolicy):
         """Number of the inputs and features that the first network takes."""
         return self.scales.input_mean.size + sum(encoder.features for encoder in self.encoders)
 
-    @property
-    def cameras(self) -> tuple[str, ...]:
-        """Names of the cameras whose pictures it takes."""
-        return tuple(self.metadata.get("cameras", ()))
-
-    @property
-    def chunk(self) -> int:
-        """Number of actions that are predicted at once."""
-        return self.metadata["chunk"]
-
-    @property
-    def tasks(self) -> tuple[str, ...]:
-        """Tasks whose request is an input; empty if none is."""
-        return tuple(self.metadata["tasks"])
-
-    @property
-    def goal_size(self) -> int:
-        """Number of elements of a goal state among the inputs; 0 for a policy without goals."""
-        return self.metadata.get("goal_size", 0)
-
-    @property
-    def state_elements(self) -> list[int] | None:
-        """Indices of the elements of the state among the inputs, increasing; None for all."""
-        return self.metadata.get("state_elements")
-
-    @property
-    def extra_observables(self) -> Mapping[str, int] | None:
-        """Number of elements of each extra observable among the inputs, by name.
-
-        None in files of earlier versions: their policies take all that a task has.
-        """
-        return self.metadata.get("extra_observables")
-
-    @property
-    def layout(self) -> Mapping[str, list[float]]:
-        """Values in the default layout of extra observables: those that tasks in that layout need not observe."""
-        return self.metadata.get("layout", {})
+    @functools.cached_property
+    def given(self) -> ImitatedMetadata:
+        """The entries of the metadata on inputs and chunks; raises a ValueError for others than these may be."""
+        return files.parse(self.metadata, ImitatedMetadata, "metadata")
 
     def missing_observables(self, task: "SuiteTask") -> list[str]:
-        """Returns the names of the extra observables that the policy needs and that a task does not have."""
-        known = () if task.variations.layout else self.layout
-        return [name for name in self.extra_observables or {} if name not in task.extra_slices and name not in known]
+        known = {*task.extra_slices, *(() if task.variations.layout else self.given.layout)}
+        return [name for name in self.given.extra_observables or {} if name not in known]
 
     def select(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the inputs `(m,)` of the networks, given the whole state and which of `tasks` are requested."""
-        if self.state_elements is None:
+        given = self.given
+        if given.state_elements is None:
             return inputs
-        state, requests = np.split(inputs, [inputs.size - len(self.tasks)])
-        return np.concatenate([state[self.state_elements], requests])
+        state, requests = np.split(inputs, [inputs.size - len(given.tasks)])
+        return np.concatenate([state[given.state_elements], requests])
 
     def _with_extras(self, inputs: NDArray[np.float64], task: "SuiteTask") -> NDArray[np.float64]:
         """Returns the inputs that `select` takes, given a task's state, which may have other extra observables."""
-        if self.extra_observables is None:
+        given, size, parts = self.given, task.policy_inputs.state_size, task.extra_slices
+        if given.extra_observables is None:
             return inputs
-        size, parts = task.policy_inputs.state_size, task.extra_slices
         own, extras, requests = np.split(inputs, [size - task.extra_size, size])
-        chosen = [extras[parts[name]] if name in parts else self.layout[name] for name in self.extra_observables]
+        chosen = [extras[parts[name]] if name in parts else given.layout[name] for name in given.extra_observables]
         return np.concatenate([own, *chosen, requests])
 
     @property
@@ -168,7 +161,7 @@ class ImitatedPolicy(StoredPolicy):
         """Returns the actions `(chunk, k)` that follow inputs `(m,)` and its cameras' pictures `(h, w, 3)`."""
         features = [encoder(picture) for encoder, picture in zip(self.encoders, pictures, strict=True)]
         values = self._predict(np.concatenate([self.scales.inputs(inputs), *features]), generator)
-        return self.scales.actions(values.reshape(self.chunk, self.action_size))
+        return self.scales.actions(values.reshape(self.given.chunk, self.action_size))
 
     def _acting(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
         inputs = task.policy_inputs
@@ -176,12 +169,12 @@ class ImitatedPolicy(StoredPolicy):
 
         def act(timestep: dm_env.TimeStep) -> NDArray[np.float32]:
             if timestep.first() or not waiting:
-                observed = inputs.state_and_requests(timestep.observation, self.tasks).ravel()
+                observed = inputs.state_and_requests(timestep.observation, self.given.tasks).ravel()
                 chosen = self.select(self._with_extras(observed, task))
-                if self.goal_size:
+                if self.given.goal_size:
                     chosen = np.concatenate([chosen, inputs.wanted(timestep.observation).ravel()])
-                pictures = [timestep.observation[camera] for camera in self.cameras]
-                waiting[:] = self.predict(chosen, generator, pictures)[: self.metadata["executed"]]
+                pictures = [timestep.observation[camera] for camera in self.given.cameras]
+                waiting[:] = self.predict(chosen, generator, pictures)[: self.given.executed]
             return waiting.pop(0)
 
         return act
@@ -189,21 +182,20 @@ class ImitatedPolicy(StoredPolicy):
     def check_fits(self, task: "SuiteTask") -> None:
         if missing := self.missing_observables(task):
             raise ValueError(f"the policy needs extra_observables {missing}: {self._trained_for}")
-        elements = self.state_elements
-        size = task.policy_inputs.state_size
-        if self.extra_observables is not None:
-            size += sum(self.extra_observables.values()) - task.extra_size
-        observed = self.metadata["state_size"] if elements is None else max(elements[-1] + 1, size)
+        given, inputs = self.given, task.policy_inputs
+        size = inputs.state_size
+        if given.extra_observables is not None:
+            size += sum(given.extra_observables.values()) - task.extra_size
+        observed = max(given.state_elements[-1] + 1, size) if given.state_elements else given.state_size
         self._check_sizes_and_mode(task, observed=observed, expected=size)
-        for camera in self.cameras:
+        height, width = given.image_size
+        for camera in given.cameras:
             taken = task.pictures.by_name.get(camera)
-            if taken is None or [taken.height, taken.width] != self.metadata["image_size"]:
-                height, width = self.metadata["image_size"]
+            if taken is None or (taken.height, taken.width) != (height, width):
                 raise ValueError(f"the policy needs pictures of {camera}, {width}x{height}: {self._trained_for}")
-        inputs = task.policy_inputs
-        if self.goal_size and (inputs.goal_place is None or self.goal_size != len(inputs.goal_elements)):
+        if given.goal_size and (inputs.goal_place is None or given.goal_size != len(inputs.goal_elements)):
             raise ValueError(f"the policy needs a goal state in the observation: {self._trained_for}")
-        if self.tasks and (others := sorted({*inputs.tasks} - {*self.tasks})):
+        if given.tasks and (others := sorted({*inputs.tasks} - {*given.tasks})):
             raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
 
     @property
@@ -213,21 +205,17 @@ class ImitatedPolicy(StoredPolicy):
             {f"{name}.{key}": array for name, each in parts.items() for key, array in each.arrays.items()}
             for parts in (self.networks, encoders)
         )
-        return {**vars(self.scales), **networks, **self.tables, **encodings}
+        return {**self.scales._asdict(), **networks, **self.tables, **encodings}
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
-        names = {*Scales.names(), *cls.table_names}
-        if missing := sorted(names - arrays.keys()):
+        if missing := sorted({*Scales._fields, *cls.table_names} - arrays.keys()):
             raise ValueError(f"missing arrays {missing}")
-        tasks = metadata.get("tasks")
-        if not isinstance(tasks, list) or not all(isinstance(task, str) for task in tasks):
-            raise ValueError(f"tasks must be a list of names, got {checks.shown(tasks)}")
         scales = Scales.take(arrays)
         networks = {name: ResidualNetwork.take(arrays, name) for name in cls.network_names}
         tables = {name: checked(arrays.pop(name), name) for name in cls.table_names}
-        cameras = files.parse(metadata.get("cameras", []), list[str], "cameras")
-        encoders = tuple(PictureEncoder.take(arrays, f"encoders.{number}") for number in range(len(cameras)))
+        count = len(files.parse(metadata, ImitatedMetadata, "metadata").cameras)
+        encoders = tuple(PictureEncoder.take(arrays, f"encoders.{number}") for number in range(count))
         if arrays:
             raise ValueError(f"unknown arrays {sorted(arrays)}")
         return cls(scales=scales, networks=networks, tables=tables, encoders=encoders, metadata=metadata)
@@ -241,7 +229,7 @@ class ClonedPolicy(ImitatedPolicy):
     network_names = ("network",)
 
     def _check_sizes(self) -> None:
-        _check_network(self.networks["network"], self.num_inputs, self.chunk * self.action_size)
+        _check_network(self.networks["network"], self.num_inputs, self.given.chunk * self.action_size)
 
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
         return self.networks["network"](inputs)
@@ -259,11 +247,11 @@ class FlowPolicy(ImitatedPolicy):
 
     def _check_sizes(self) -> None:
         checks.integer(self.metadata.get("flow_steps"), "flow_steps", minimum=1)
-        size = self.chunk * self.action_size
+        size = self.given.chunk * self.action_size
         _check_network(self.networks["network"], self.num_inputs + size + len(time_features(0.0)), size)
 
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
-        return self._carried(inputs, generator.standard_normal(self.chunk * self.action_size, np.float32))
+        return self._carried(inputs, generator.standard_normal(self.given.chunk * self.action_size, np.float32))
 
     def _carried(self, inputs: NDArray[np.float32], values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Returns the chunks `(..., n)` that noise `(..., n)` becomes on inputs `(m,)`."""
@@ -291,11 +279,11 @@ class RankedPolicy(FlowPolicy):
         super()._check_sizes()
         checks.integer(self.metadata.get("candidates"), "candidates", minimum=1)
         for name in self.network_names[1:]:
-            _check_network(self.networks[name], self.num_inputs + self.chunk * self.action_size, 1)
+            _check_network(self.networks[name], self.num_inputs + self.given.chunk * self.action_size, 1)
 
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
         count = self.metadata["candidates"]
-        noise = generator.standard_normal((count, self.chunk * self.action_size), np.float32)
+        noise = generator.standard_normal((count, self.given.chunk * self.action_size), np.float32)
         groups = [self._carried(inputs, group) for group in np.split(noise, range(_ROWS, count, _ROWS))]
         values = np.concatenate([self._values(inputs, group) for group in groups])
         best: NDArray[np.float32] = np.concatenate(groups)[values.argmax()]
@@ -321,7 +309,7 @@ class TokenPolicy(ImitatedPolicy):
     table_names = ("codebooks",)
 
     def _check_sizes(self) -> None:
-        books, size = self.tables["codebooks"], self.chunk * self.action_size
+        books, size = self.tables["codebooks"], self.given.chunk * self.action_size
         if books.ndim != 3:
             raise ValueError(f"codebooks must have three axes, not shape {books.shape}")
         count, codes, latent = books.shape
@@ -329,7 +317,7 @@ class TokenPolicy(ImitatedPolicy):
         _check_network(self.networks["network"], self.num_inputs, count * codes * (1 + size))
 
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
-        books, size = self.tables["codebooks"], self.chunk * self.action_size
+        books, size = self.tables["codebooks"], self.given.chunk * self.action_size
         count, codes, _ = books.shape
         network = self.networks["network"]
         features = network.features(inputs)

@@ -1,6 +1,5 @@
 """Networks that act with numpy alone; PyTorch's arrays of the same names are in `training.imitation`."""
 
-import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple, Self
 
@@ -8,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-# Bound of standardised inputs.
-CLIP = 10.0
+CLIP = 10.0  # Bound of standardised inputs.
 
 
 class Linear(NamedTuple):
@@ -213,8 +211,7 @@ def checked(array: NDArray, name: str) -> NDArray[np.float32]:
     return array
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Scales:
+class Scales(NamedTuple):
     """Standardisation of inputs and actions.
 
     Attributes:
@@ -232,19 +229,12 @@ class Scales:
     @classmethod
     def take(cls, arrays: dict[str, NDArray]) -> Self:
         """Removes the arrays of the scales from others, and returns the scales; raises a ValueError for bad ones."""
-        scales = cls(**{name: checked(arrays.pop(name), name) for name in cls.names() if name in arrays})
-        for mean, deviation in (
-            (scales.input_mean, scales.input_deviation),
-            (scales.action_mean, scales.action_deviation),
-        ):
+        scales = cls(**{name: checked(arrays.pop(name), name) for name in cls._fields if name in arrays})
+        pairs = (scales.input_mean, scales.input_deviation), (scales.action_mean, scales.action_deviation)
+        for mean, deviation in pairs:
             if mean.ndim != 1 or mean.shape != deviation.shape or not (deviation > 0).all():
                 raise ValueError("means and positive deviations must be vectors of the same length")
         return scales
-
-    @classmethod
-    def names(cls) -> tuple[str, ...]:
-        """Returns the names of the arrays."""
-        return tuple(field.name for field in dataclasses.fields(cls))
 
     def inputs(self, inputs: NDArray) -> NDArray[np.float32]:
         """Returns inputs `(..., m)` standardised, and clipped."""

@@ -39,11 +39,8 @@ PolicyBuilder = Callable[..., Policy]
 # Packages that extras install, of those that policies need.
 PACKAGES = {"experts": ("daqp", "mink"), "remote": ("msgpack", "websockets")}
 
-# A policy on a server, by its address alone.
-_ADDRESS = re.compile(r"wss?://\S+")
-
-# Characters of a policy with options; there is room for the path of a file.
-_MAX_LENGTH = 5_000
+_ADDRESS = re.compile(r"wss?://\S+")  # A policy on a server, by its address alone.
+_MAX_LENGTH = 5_000  # Characters of a policy with options; there is room for the path of a file.
 
 
 class PolicyError(ValueError):
@@ -143,8 +140,7 @@ def load_policy(path: Path) -> "StoredPolicy":
 class TrainedSource(PolicySource):
     """Trained policies, which act without exploration noise; some algorithms draw their actions.
 
-    The option `file` names one that `kitchen-train` has written; by default it is the one that comes with the package
-    for the environment's task and reward.
+    The option `file` names one of `kitchen-train`; the default comes with the package for the task and its reward.
     """
 
     takes_options = True
@@ -157,17 +153,19 @@ class TrainedSource(PolicySource):
     def __call__(
         self, environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None
     ) -> Policy:
-        path = Path(file) if file else _shipped(environment.task)
+        path = Path(file) if file else self.file({}, environment.task)
+        assert path, "without a file, the task determines it"
         return self._load(path).episode(environment.task, generator)
 
     def for_episodes(self, digest: str | None) -> PolicyBuilder:
         return type(self)(digest)
 
     def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
-        file = options.get("file")
-        if isinstance(file, str):
+        from kitchen_suite.policies.trained import shipped
+
+        if isinstance(file := options.get("file"), str):
             return Path(file)
-        return _shipped(task) if task else None
+        return shipped(task) if task else None
 
     def missing_observables(self, make_task: "Callable[[], SuiteTask]", options: Mapping[str, Any]) -> list[str]:
         # What prevents reading the file is reported where the policy is built.
@@ -182,13 +180,6 @@ class TrainedSource(PolicySource):
         if self._digest is not None and files.file_digest(path) != self._digest:
             raise ValueError(f"{path} is not the file that the command began with: it was replaced, or differs here")
         return policy
-
-
-def _shipped(task: "SuiteTask") -> Path:
-    """Returns the path of the policy that comes with the package for a task; raises a ValueError if there is none."""
-    from kitchen_suite.policies.trained import shipped
-
-    return shipped(task)
 
 
 class Takeover:
@@ -320,8 +311,7 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
       name: a key of `POLICIES`, with options where it takes any, such as `expert(speed=0.8, jitter=0.02)` or
         `trained(file='policy.npz')`; an address `ws://host:port`, a policy on a server; or `module:callable`, a policy
         that is the same object in every episode. Modules are also looked for in the working directory.
-      digest: SHA-256 of the file that the policy names, if it is to be checked: the builder raises a PolicyError for
-        another file.
+      digest: SHA-256 that the policy's file must have, if given: the builder raises a PolicyError for another file.
 
     Raises:
       ImportError: the policy needs an extra that is not installed.
@@ -410,10 +400,7 @@ def without_file(name: str) -> str:
 
 
 def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:
-    """Returns the name of a policy without its options, and these; they are written as in a Python call.
-
-    An address is an option of `remote`.
-    """
+    """Returns a policy's name and its options, written as in a Python call; an address is an option of `remote`."""
     if _ADDRESS.fullmatch(text):
         return "remote", {"address": text}
     if "(" not in text:
@@ -425,10 +412,9 @@ def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:
         match ast.parse(text, mode="eval").body:
             case ast.Call(func=ast.Name(id=name), args=[], keywords=options) if all(option.arg for option in options):
                 return name, {str(option.arg): ast.literal_eval(option.value) for option in options}
-    raise ValueError(
-        f"policy {checks.shown(text)} is not well-formed: it must be a name, or a name with options such as "
-        "expert(speed=0.8, jitter=0.02) or trained(file='policy.npz'), with strings in quotes"
-    )
+    forms = "expert(speed=0.8, jitter=0.02) or trained(file='policy.npz'), with strings in quotes"
+    problem = f"policy {checks.shown(text)} is not well-formed"
+    raise ValueError(f"{problem}: it must be a name, or a name with options such as {forms}")
 
 
 class _CheckedPolicy:

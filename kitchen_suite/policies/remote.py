@@ -67,6 +67,10 @@ class RemotePolicy:
                 self.metadata = _content(self._connection.recv(self._timeout))
             if request is None:
                 return self.metadata
+            with contextlib.suppress(TimeoutError):
+                # It would be taken for the answer.
+                unasked = checks.shown(_content(self._connection.recv(0)))
+                raise ConnectionError(f"the server sent a message that was not asked for: {unasked}")
             self._connection.send(request)
             return _content(self._connection.recv(self._timeout))
         except _LOST as error:

@@ -103,8 +103,7 @@ class StoredPolicy(abc.ABC):
 
         Raises:
           OSError: the file does not exist, is larger than any policy, or is not an npz file with metadata.
-          ValueError: the file is of another algorithm or another version of the layout, or lacks or contradicts a part
-            of a policy.
+          ValueError: the file is of another algorithm or version of the layout, or lacks or contradicts some part.
         """
         return load(path, (cls,))
 
@@ -127,10 +126,8 @@ class StoredPolicy(abc.ABC):
         """Raises a ValueError unless observed and expected numbers of elements agree, and the actions fit the task."""
         (size,) = task.mdp.action_mode.spec(task.robot).shape
         if (observed, self.action_size) != (expected, size):
-            raise ValueError(
-                f"the policy maps {observed} observed numbers to {self.action_size} numbers of an action, but this "
-                f"task has {expected} and {size}: {self._trained_for}"
-            )
+            mapped = f"{observed} observed numbers to {self.action_size} numbers of an action"
+            raise ValueError(f"the policy maps {mapped}, but this task has {expected} and {size}: {self._trained_for}")
         mode, present = self._control_mode(task), task.mdp.action_mode
         if mode != present.name and not present.conversion(mode):
             raise ValueError(f"the policy acts in control mode {mode!r}, not {present.name!r}: {self._trained_for}")

@@ -15,8 +15,7 @@ from kitchen_suite.policies.stored import EpisodePolicy, StoredPolicy
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
 
-# Folder of the policies that come with the package.
-SHIPPED = Path(__file__).parent / "trained_policies"
+SHIPPED = Path(__file__).parent / "trained_policies"  # Folder of the policies that come with the package.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
@@ -106,15 +105,9 @@ class TrainedPolicy(StoredPolicy):
         clip = arrays["clip"]
         if clip.shape != () or clip.dtype.kind not in "fiu":
             raise ValueError(f"clip must be a number, not {clip.dtype} of shape {clip.shape}")
-        return cls(
-            mean=arrays["mean"],
-            deviation=arrays["deviation"],
-            clip=float(clip),
-            weights=tuple(arrays[f"weight_{i}"] for i in layers),
-            biases=tuple(arrays[f"bias_{i}"] for i in layers),
-            action_scale=arrays["action_scale"],
-            metadata=metadata,
-        )
+        own: dict[str, Any] = {name: arrays[name] for name in ("mean", "deviation", "action_scale")}
+        weights, biases = (tuple(arrays[f"{kind}_{i}"] for i in layers) for kind in ("weight", "bias"))
+        return cls(**own, clip=float(clip), weights=weights, biases=biases, metadata=metadata)
 
     def check_fits(self, task: "SuiteTask") -> None:
         self._check_sizes_and_mode(task, observed=self.observation_size, expected=task.policy_inputs.size)
@@ -127,8 +120,7 @@ class TrainedPolicy(StoredPolicy):
 def shipped(task: "SuiteTask") -> Path:
     """Returns the path of the policy that comes with the package for a task and its reward, or a set with the task.
 
-    Where pictures are observed, a policy that takes them is preferred; where the task varies parameters, one that was
-    trained with variations.
+    Where pictures are observed, a policy that takes them is preferred; where parameters vary, one trained with these.
     """
     paths = [path for name in task.policy_inputs.names if (path := SHIPPED / f"{name}.npz").exists()]
     # Those that see, where they can, else the others.

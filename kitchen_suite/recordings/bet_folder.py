@@ -19,9 +19,6 @@ from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-# The tasks of BeT's goals, in its order, which is FrankaKitchen-v1's.
-TASKS = DEFAULT_TASKS
-
 # BeT's files of arrays, by name without suffix; its file of PyTorch's with the goals, and the tensor's numbers in it.
 _ARRAYS = ("observations_seq", "actions_seq", "existence_mask")
 _GOALS_FILE, _NUMBERS = "onehot_goals.pth", "archive/data/0"
@@ -32,7 +29,7 @@ class BeTPlan(ExportPlan):
 
     `observations_seq.npy` `(T, N, 60)`, see `relay_observations`; `actions_seq.npy` `(T, N, 9)`; `existence_mask.npy`
     `(T, N)`, 1 for the steps of an episode; `onehot_goals.pth` `(T, N, 7)`, the task that is completed next, by
-    `TASKS`, and all zero after the last one. VQ-BeT, BESO and their descendants read them as well.
+    `DEFAULT_TASKS`, and all zero after the last one. VQ-BeT, BESO and their descendants read them as well.
     """
 
     title = "BeT"
@@ -71,7 +68,7 @@ class BeTPlan(ExportPlan):
         exports.check_count(mask.shape[1], count)
         with zipfile.ZipFile(path / _GOALS_FILE) as archive:
             goals = np.frombuffer(archive.read(_NUMBERS), "<f4")
-        arrays["onehot_goals"] = goals.reshape(*mask.shape, len(TASKS))
+        arrays["onehot_goals"] = goals.reshape(*mask.shape, len(DEFAULT_TASKS))
         for number in range(count):
             steps = np.count_nonzero(mask[:, number])
             columns = {name: np.array(rows[:steps, number]) for name, rows in arrays.items()}
@@ -79,20 +76,19 @@ class BeTPlan(ExportPlan):
 
 
 def _next_tasks(tasks: tuple[str, ...], episode: EpisodeArrays) -> NDArray[np.float32]:
-    """Returns for each control step `(T, 7)` which of `TASKS` is completed next."""
+    """Returns for each control step `(T, 7)` which of BeT's tasks, those of FrankaKitchen-v1, is completed next."""
     completed = episode.arrays["info/completion_steps"][-1]
-    goals, start = np.zeros((episode.steps, len(TASKS)), np.float32), 0
+    goals, start = np.zeros((episode.steps, len(DEFAULT_TASKS)), np.float32), 0
     for number in np.argsort(completed, kind="stable"):
-        if completed[number] >= 0 and tasks[number] in TASKS:
-            goals[start : completed[number], TASKS.index(tasks[number])] = 1.0
+        if completed[number] >= 0 and tasks[number] in DEFAULT_TASKS:
+            goals[start : completed[number], DEFAULT_TASKS.index(tasks[number])] = 1.0
             start = completed[number]
     return goals
 
 
 def _side_by_side(parts: list[NDArray]) -> NDArray:
     """Returns arrays `(T_i, ...)` as one `(T, N, ...)`, with zeros where one is shorter."""
-    longest = max(len(part) for part in parts)
-    joined = np.zeros((longest, len(parts), *parts[0].shape[1:]), parts[0].dtype)
+    joined = np.zeros((max(map(len, parts)), len(parts), *parts[0].shape[1:]), parts[0].dtype)
     for number, part in enumerate(parts):
         joined[: len(part), number] = part
     return joined

@@ -17,8 +17,8 @@ from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS
 
-# In an HDF5 file, greatest sizes of an array of one control step beside its contents, and of a name in a list [bytes].
-_OVERHEAD, ROW_BYTES = 4096, 64
+# In an HDF5 file, greatest size of an array of one control step beside its contents [bytes].
+_OVERHEAD = 4096
 
 # The 30 positions of an observation, the robot's and then the objects'; Relay Policy Learning's 60 numbers begin so.
 POSITIONS = np.r_[ROBOT_POSITIONS, OBJECT_POSITIONS]
@@ -39,9 +39,9 @@ class D4RLPlan(ExportPlan):
     package = ("h5py", "record")
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
-        with GrowingFile(folder / self.path.name) as file:
+        with new_file(folder / self.path.name) as file:
             for episode in episodes:
-                file.append(self.columns(environment, self.spec, episode))
+                append(file, self.columns(environment, self.spec, episode))
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
@@ -83,37 +83,30 @@ def relay_observations(environment: SuiteEnv, episode: EpisodeArrays) -> NDArray
     return np.concatenate([observations[:, POSITIONS], goals], axis=1)
 
 
-class GrowingFile:
-    """Datasets of an HDF5 file to which rows are added, and from which an error of a full disk leaves nothing."""
+def new_file(path: Path) -> Any:
+    """Opens a new HDF5 file, in which an error of a full disk leaves nothing if rows are added by `append`."""
+    exports.check_room(path.parent, _OVERHEAD)
+    return importlib.import_module("h5py").File(path, "w")
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        exports.check_room(path.parent, _OVERHEAD)
-        self.file: Any = importlib.import_module("h5py").File(path, "w")
 
-    def __enter__(self) -> "GrowingFile":
-        return self
+def reserve(file: Any, size: int) -> None:
+    """Raises an OSError unless the disk has room for `size` bytes more: HDF5 fails late, and with other errors."""
+    file.flush()
+    exports.check_room(Path(file.filename).parent, _OVERHEAD + size)
 
-    def __exit__(self, *exception: object) -> None:
-        self.file.close()
 
-    def reserve(self, size: int) -> None:
-        """Raises an OSError unless the disk has room for `size` bytes more: HDF5 fails late, and with other errors."""
-        self.file.flush()
-        exports.check_room(self.path.parent, _OVERHEAD + size)
-
-    def append(self, arrays: Mapping[str, NDArray]) -> None:
-        self.reserve(sum(_OVERHEAD + 2 * rows.nbytes for rows in arrays.values()))
-        for name, rows in arrays.items():
-            if name not in self.file:
-                shape = rows.shape[1:]
-                chunk = (max(1, min(1024, 2**18 // max(1, rows[:1].nbytes))), *shape)
-                self.file.create_dataset(
-                    name, (0, *shape), rows.dtype, maxshape=(None, *shape), chunks=chunk, compression="gzip"
-                )
-            dataset = self.file[name]
-            dataset.resize(len(dataset) + len(rows), axis=0)
-            dataset[len(dataset) - len(rows) :] = rows
+def append(file: Any, arrays: Mapping[str, NDArray]) -> None:
+    """Adds rows to the datasets of an HDF5 file, which are made where they are missing."""
+    reserve(file, sum(_OVERHEAD + 2 * rows.nbytes for rows in arrays.values()))
+    for name, rows in arrays.items():
+        if name not in file:
+            shape = rows.shape[1:]
+            chunks = (max(1, min(1024, 2**18 // max(1, rows[:1].nbytes))), *shape)
+            options = {"maxshape": (None, *shape), "chunks": chunks, "compression": "gzip"}
+            file.create_dataset(name, (0, *shape), rows.dtype, **options)
+        dataset = file[name]
+        dataset.resize(len(dataset) + len(rows), axis=0)
+        dataset[len(dataset) - len(rows) :] = rows
 
 
 def datasets_of(group: Any) -> dict[str, Any]:

@@ -13,15 +13,13 @@ from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-# Rows of a chunk of zarr.
-_CHUNK = 1024
+_CHUNK = 1024  # Rows of a chunk of zarr.
 
 
 class DiffusionPolicyPlan(ExportPlan):
     """A store `NAME.zarr`: arrays `(n, ...)` of all control steps in `data`, and `meta/episode_ends`.
 
-    `data` has `obs`, the numbers observed before each step, `action`, `reward`, the pictures by name, and what else is
-    observed in numbers.
+    `data` has `obs`, the numbers observed before each step, `action`, `reward`, pictures and further numbers by name.
     """
 
     title = "Diffusion Policy"

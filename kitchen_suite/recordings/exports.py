@@ -85,27 +85,20 @@ class ExportPlan(DatasetPlan):
     def complete(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         super().complete(environment, folder, indices)
         if read_record(self._record_file).seeds != [folder.spec.seed_of(index) for index in indices]:
-            raise FileExistsError(
-                f"dataset {self.dataset_id!r} was made of other episodes of this recording: name another one"
-            )
+            made = f"dataset {self.dataset_id!r} was made of other episodes of this recording"
+            raise FileExistsError(f"{made}: name another one")
 
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
-        seeds: list[int] = []
-
-        def episodes() -> Iterator[EpisodeArrays]:
-            for index in indices:
-                episode = folder.load(index)
-                assert episode.seed is not None
-                seeds.append(episode.seed)
-                yield episode
-
         with files.temporary_folder(self.path) as elsewhere:
             elsewhere.mkdir()
-            self.write(elsewhere, environment, episodes(), len(indices))
-            record = ExportRecord(
-                format=self.title, recording=self.spec.as_json(), num_episodes=self.count, seeds=seeds
-            )
-            files.write_json(elsewhere / self._record_file.name, vars(record), indent=1)
+            self.write(elsewhere, environment, map(folder.load, indices), len(indices))
+            record = {
+                "format": self.title,
+                "recording": self.spec.as_json(),
+                "num_episodes": self.count,
+                "seeds": [folder.spec.seed_of(index) for index in indices],
+            }
+            files.write_json(elsewhere / self._record_file.name, record, indent=1)
             self._move(elsewhere)
 
     def _move(self, elsewhere: Path) -> None:
@@ -215,10 +208,8 @@ def physics_states(environment: gymnasium.Env, spec: EpisodeSpec, episode: Episo
         if step < episode.steps:
             buffer.step(environment, episode.arrays["action"][step])
         if differing := buffer.differing(episode.arrays):
-            raise OSError(
-                f"the episode of seed {episode.seed} does not play again here, where its {differing} differs: it was "
-                "recorded elsewhere"
-            )
+            problem = f"the episode of seed {episode.seed} does not play again here, where its {differing} differs"
+            raise OSError(f"{problem}: it was recorded elsewhere")
     return np.stack(states)
 
 

@@ -19,8 +19,7 @@ from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-# As the Hugging Face hub accepts names.
-_DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)
+_DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)  # As the Hugging Face hub accepts names.
 
 
 class DatasetPlan(abc.ABC):
@@ -56,14 +55,12 @@ class DatasetPlan(abc.ABC):
     def _check_same(self, spec: object, count: object) -> None:
         """Raises a ValueError unless a dataset that is there holds the first `count` episodes of the recording."""
         if found := files.first_difference(spec, self.spec.as_json()):
-            raise ValueError(
-                f"dataset {self.dataset_id!r} exists and holds another recording, with {found}: name another one"
-            )
-        if count != self.count:
-            raise ValueError(
-                f"dataset {self.dataset_id!r} exists and is of the first {count} episodes of this recording, "
-                f"not of {self.count}: name another one"
-            )
+            problem = f"holds another recording, with {found}"
+        elif count != self.count:
+            problem = f"is of the first {count} episodes of this recording, not of {self.count}"
+        else:
+            return
+        raise ValueError(f"dataset {self.dataset_id!r} exists and {problem}: name another one")
 
 
 class Source(abc.ABC):
@@ -191,7 +188,5 @@ def find_source(name: str, root: Path | None = None) -> Source:
     if folder.exists():
         hint = f": name its folder, {folder.parent}" if (folder.parent / SPEC_FILE).is_file() else ""
         raise ValueError(f"{name} holds neither {SPEC_FILE} nor a {titles} dataset{hint}")
-    raise FileNotFoundError(
-        f"there is no folder {name}, and no {titles} dataset of that name on this machine; `minari download` gets "
-        "datasets of Minari, whose names end in -v0"
-    )
+    problem = f"there is no folder {name}, and no {titles} dataset of that name on this machine"
+    raise FileNotFoundError(f"{problem}; `minari download` gets datasets of Minari, whose names end in -v0")

@@ -8,6 +8,7 @@ their noise: the control mode `joint_velocity`.
 import collections
 import contextlib
 import importlib
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,8 +35,7 @@ from kitchen_suite.tasks.kitchen.requests import in_order, order_of
 from kitchen_suite.tasks.task import Metrics
 from kitchen_suite.versions import installed_versions
 
-# Numbers of an action of the kitchen.
-ACTION_SIZE = 9
+ACTION_SIZE = 9  # Numbers of an action of the kitchen.
 
 # An episode may ask for any number of the seven tasks; episodes go on after their last completion.
 _TASK_KWARGS: dict[str, Any] = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
@@ -70,10 +70,9 @@ class D4RLData:
         self._scene, arrays = scene, _read_hdf5(path)
         for name in ("observations", "actions", "terminals"):
             if name not in arrays:
-                raise ValueError(
-                    f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals; one that "
-                    f"kitchen-record made for another program needs its record beside it, {record_file(path).name}"
-                )
+                problem = f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals"
+                other = "one that kitchen-record made for another program needs its record beside it"
+                raise ValueError(f"{problem}; {other}, {record_file(path).name}")
         count = np.atleast_1d(arrays["observations"]).shape[0]
         shape = (count, 2 * POSITIONS.size)
         _check_shape(arrays["observations"], shape, f"observations of {path}", "30 positions and 30 goals")
@@ -83,10 +82,9 @@ class D4RLData:
             if name in arrays:
                 _check_shape(arrays[name], (count,), f"{name} of {path}", "a flag for each control step")
                 ends |= arrays[name].astype(bool)
-        stops = [*(np.flatnonzero(ends) + 1)]
-        stops = stops if stops and stops[-1] == count else [*stops, count]
+        bounds = np.unique([0, *(np.flatnonzero(ends) + 1), count]).tolist()
         # The outcome of an episode's last action is not in the file.
-        self._rows = [(start, stop) for start, stop in zip([0, *stops[:-1]], stops, strict=True) if stop - start > 1]
+        self._rows = [(start, stop) for start, stop in itertools.pairwise(bounds) if stop - start > 1]
         self._observations = arrays["observations"].astype(np.float64)
         self._actions = arrays["actions"]
 
@@ -98,15 +96,12 @@ class D4RLData:
             recorded = self._observations[start:stop]
             observations = np.full((stop - start, SIZE), np.nan)
             observations[:, POSITIONS] = recorded[:, : POSITIONS.size]
-            goals = self._tasks_of(recorded[0, POSITIONS.size + ACTION_SIZE :])
-            yield Demonstration(observations, self._actions[start : stop - 1], {}, goals)
-
-    def _tasks_of(self, goals: NDArray[np.float64]) -> tuple[str, ...]:
-        """Returns the tasks whose goals are among recorded ones of the objects, `(21,)`."""
-        wanted = {
-            task: (self._scene.elements(GOALS[task].prop, GOALS[task].joints), GOALS[task]) for task in DEFAULT_TASKS
-        }
-        return tuple(task for task, (at, goal) in wanted.items() if np.allclose(goals[at], goal.value, atol=ROUNDING))
+            objects, tasks = recorded[0, POSITIONS.size + ACTION_SIZE :], []
+            for task in DEFAULT_TASKS:
+                goal = objects[self._scene.elements(GOALS[task].prop, GOALS[task].joints)]
+                if np.allclose(goal, GOALS[task].value, atol=ROUNDING):
+                    tasks.append(task)
+            yield Demonstration(observations, self._actions[start : stop - 1], {}, tasks)
 
 
 class MinariData:
@@ -118,10 +113,8 @@ class MinariData:
     def __init__(self, source: MinariSource, name: str) -> None:
         self._source, self._name = source, name
         if source.spec is not None or not source.is_original:
-            raise ValueError(
-                f"{name} is not of FrankaKitchen-v1, but of this suite, and no recording is made of it: kitchen-replay "
-                "plays it"
-            )
+            problem = f"{name} is not of FrankaKitchen-v1, but of this suite, and no recording is made of it"
+            raise ValueError(f"{problem}: kitchen-replay plays it")
 
     def __len__(self) -> int:
         return len(self._source.indices)
@@ -135,12 +128,11 @@ class MinariData:
                 raise ValueError(f"the observations {what} have no part 'observation'")
             _check_shape(arrays[key], (steps + 1, SIZE), f"observations {what}", "positions and velocities")
             _check_actions(arrays["action"], steps, f"actions {what}")
-            achieved = {
-                task: arrays[name] for task in DEFAULT_TASKS if (name := f"observation/achieved_goal/{task}") in arrays
-            }
+            prefix = "observation/achieved_goal/"
+            achieved = {task: arrays[prefix + task] for task in DEFAULT_TASKS if prefix + task in arrays}
             for task, goal in achieved.items():
                 _check_shape(goal, (steps + 1, len(GOALS[task].value)), f"goals of {task!r} {what}", "its joints")
-            yield Demonstration(arrays[key].astype(np.float64), arrays["action"], achieved, tuple(achieved))
+            yield Demonstration(arrays[key].astype(np.float64), arrays["action"], achieved, [*achieved])
 
 
 def open_data(name: str, root: Path | None, scene: Scene) -> D4RLData | MinariData:
@@ -155,10 +147,8 @@ def open_data(name: str, root: Path | None, scene: Scene) -> D4RLData | MinariDa
 
 
 def _read_hdf5(path: Path) -> dict[str, NDArray]:
-    try:
-        h5py: Any = importlib.import_module("h5py")
-    except ImportError as error:
-        raise ImportError(f"files of D4RL need h5py: {checks.install_command('record')}") from error
+    checks.installed(["h5py"], "a file of D4RL", "record")
+    h5py = importlib.import_module("h5py")
     with files.reading(path, "HDF5"), h5py.File(path, "r") as file:
         datasets = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset)}
         # Those of a null dataspace have no shape.
@@ -177,10 +167,8 @@ def _check_shape(array: NDArray, shape: tuple[int, ...], what: str, meaning: str
 def _check_actions(actions: NDArray, steps: int, what: str) -> None:
     _check_shape(actions, (steps, ACTION_SIZE), what, "nine joint velocities")
     if (greatest := np.abs(actions).max(initial=0.0)) > 1.0 + ROUNDING:
-        raise ValueError(
-            f"{what} reach {greatest:.3g}: they are no joint velocities in [-1, 1], in units of 2 rad/s; absolute "
-            "positions, as Diffusion Policy has them, are not converted"
-        )
+        problem = f"{what} reach {greatest:.3g}: they are no joint velocities in [-1, 1], in units of 2 rad/s"
+        raise ValueError(f"{problem}; absolute positions, as Diffusion Policy has them, are not converted")
 
 
 def convert(
@@ -196,9 +184,15 @@ def convert(
     """
     task: KitchenTask = environment.composer_task
     mdp, observe = task.mdp, environment.observations
-    achieved = _achieved(task, demonstration)
-    order = _completion_order(task, achieved)
-    noise, robot = np.zeros(mdp.noise_draws), demonstration.observations[:, ROBOT_POSITIONS]
+    robot, objects = (demonstration.observations[:, part] for part in (ROBOT_POSITIONS, OBJECT_POSITIONS))
+    # The achieved goals `(T + 1, k)`: those recorded, or else the positions observed.
+    goals = {name: GOALS[name] for name in task.policy_inputs.tasks}
+    observed = {name: objects[:, task.scene.elements(goal.prop, goal.joints)] for name, goal in goals.items()}
+    parts = [demonstration.achieved.get(name, rows) for name, rows in observed.items()]
+    achieved = np.concatenate(parts, axis=1)
+    within = mdp.success.within(achieved)[1:]
+    first = np.where(within.any(axis=0), within.argmax(axis=0), -1)
+    order, noise = order_of(in_order(first), first.size), np.zeros(mdp.noise_draws)
     readings = [KitchenReading(*rows) for rows in zip(robot, achieved, strict=True)]
     state = mdp.with_request(mdp.initial_state(readings[0], noise), order)
     buffer = EpisodeBuffer(observe(demonstration.observations[0], state, {}), _info(task, state, 0))
@@ -212,21 +206,6 @@ def convert(
     instruction = task.requests.instructions_in(order)[0] if completed else ""
     episode = EpisodeArrays(index=index, seed=None, arrays=buffer.arrays(), instruction=instruction)
     return episode, {**task.metrics(episode.last_info), "success": bool(completed)}, completed
-
-
-def _achieved(task: KitchenTask, demonstration: Demonstration) -> NDArray[np.float64]:
-    """Returns the achieved goals `(T + 1, k)`: those recorded, or else the positions observed."""
-    objects = demonstration.observations[:, OBJECT_POSITIONS]
-    goals = {name: GOALS[name] for name in task.policy_inputs.tasks}
-    observed = {name: objects[:, task.scene.elements(goal.prop, goal.joints)] for name, goal in goals.items()}
-    return np.concatenate([demonstration.achieved.get(name, rows) for name, rows in observed.items()], axis=1)
-
-
-def _completion_order(task: KitchenTask, achieved: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns the order `(n,)` in which the tasks are first complete after a step; -1 for those that never are."""
-    within = task.mdp.success.within(achieved)[1:]
-    first = np.where(within.any(axis=0), within.argmax(axis=0), -1)
-    return order_of(in_order(first), first.size)
 
 
 def _info(task: KitchenTask, state: KitchenState, step: int) -> dict[str, Any]:
@@ -243,16 +222,14 @@ class HumanDataJob:
     def __init__(self, source: str, output: Path, data_path: Path | None) -> None:
         """Opens the data of a file, or of a dataset below `data_path`, and starts the recording in a folder."""
         self._source, self._output = source, output
-        environments = EnvironmentSpec.make(domain_name="kitchen", task_name="all", task_kwargs=_TASK_KWARGS)
-        self._environment = suite_env(environments.make_environment())
+        base = EnvironmentSpec.make(domain_name="kitchen", task_name="all", task_kwargs=_TASK_KWARGS)
+        self._environment = suite_env(base.make_environment())
         self._task = self._environment.composer_task
         self._data = open_data(source, data_path, self._task.scene)
         if not len(self._data):
             raise ValueError(f"{source} holds no episodes of two or more observations")
         origin, versions = {"format": self._data.format, "source": source}, installed_versions()
-        spec = EpisodeSpec(
-            **vars(environments), policy="human", seed=0, seeding="gymnasium", versions=versions, origin=origin
-        )
+        spec = EpisodeSpec(**vars(base), policy="human", seed=0, seeding="gymnasium", versions=versions, origin=origin)
         self._folder = RecordingFolder.claim(output, spec)
         self._finished = 0
 

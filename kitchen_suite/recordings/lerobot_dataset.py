@@ -29,8 +29,7 @@ from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks.task import PICTURE_AXES
 
-# Files of a dataset: with what LeRobot's own do not hold, the specification of the recording and the episodes; and one
-# that every LeRobot dataset has.
+# Files of a dataset: with what LeRobot's lack, the specification of the recording and the episodes; one that all have.
 RECORDING_FILE, INFO_FILE = Path("meta", "kitchen_suite.json"), Path("meta", "info.json")
 
 # There are no videos; where none is named, LeRobot loads another one, and prints the errors if that fails.
@@ -46,8 +45,7 @@ _DONE, _TRUNCATED, _SUCCESS = "next.done", "next.truncated", "next.success"
 # Columns that LeRobot adds.
 _OWN_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 
-# Name of the array that stands for all numbers of an episode; see `digest`.
-DIGEST = "digest"
+DIGEST = "digest"  # Name of the array that stands for all numbers of an episode; see `digest`.
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,12 +91,15 @@ class LeRobotObservations:
         if vectors := [given[key] for key in self._environment_keys(given.spaces)]:
             low, high = (np.concatenate([getattr(box, side) for box in vectors]) for side in ("low", "high"))
             parts[ENVIRONMENT_STATE] = spaces.Box(low, high, dtype=low.dtype.type)
-        self._picture_spaces: dict[str, spaces.Space] = self._by_camera(given[PIXELS]) if PIXELS in found else {}
-        if self._picture_spaces:
-            parts[PIXELS] = spaces.Dict([*self._picture_spaces.items()])
+        images: dict[str, spaces.Space] = self._by_camera(given[PIXELS]) if PIXELS in found else {}
+        if images:
+            parts[PIXELS] = spaces.Dict([*images.items()])
         self.space = spaces.Dict([*parts.items()])
+        columns = {f"{_IMAGES}{camera}": _shape(space) for camera, space in images.items()}
+        axes = ("height", "width", "channels")
+        seen = [Feature(column, column, "VISUAL", shape, axes) for column, shape in columns.items()]
         action = Feature(_ACTION, _ACTION, "ACTION", _shape(environment.action_space))
-        self.features = [*self._vectors(environment), *self._pictures(), action]
+        self.features = [*self._vectors(environment), *seen, action]
 
     def __call__(self, observation: Mapping[str, Any]) -> dict[str, Any]:
         """Returns an observation of one environment or, with a leading axis, of many, or of many steps."""
@@ -112,8 +113,7 @@ class LeRobotObservations:
     def columns(self, episode: EpisodeArrays) -> dict[str, NDArray]:
         """Returns the columns of an episode of `T` control steps in a dataset: `(T, ...)` each.
 
-        Numbers are float32. The observation after the last step is left out: a row has an observation, the action
-        there, and `next.*`, the outcome of the action.
+        Numbers are float32. A row has an observation, its action, and the outcome `next.*`; none has the last one.
         """
         arrays = episode.arrays
         laid_out = self(unflatten(arrays, "observation"))
@@ -180,11 +180,6 @@ class LeRobotObservations:
             if key in self.space.spaces
         ]
 
-    def _pictures(self) -> list[Feature]:
-        columns = {f"{_IMAGES}{camera}": _shape(space) for camera, space in self._picture_spaces.items()}
-        names = ("height", "width", "channels")
-        return [Feature(column, column, "VISUAL", shape, names) for column, shape in columns.items()]
-
 
 def _shape(space: spaces.Space) -> tuple[int, ...]:
     assert space.shape is not None
@@ -206,14 +201,10 @@ def digest(episode: EpisodeArrays) -> str:
 
 def dataset_features(features: list[Feature]) -> dict[str, dict[str, Any]]:
     """Returns the features of a dataset as LeRobot describes them, by column."""
-    described = {
-        feature.column: {
-            "dtype": "image" if feature.kind == "VISUAL" else "float32",
-            "shape": feature.shape,
-            "names": [*feature.names] if feature.names else None,
-        }
-        for feature in features
-    }
+    described: dict[str, dict[str, Any]] = {}
+    for feature in features:
+        kind, names = "image" if feature.kind == "VISUAL" else "float32", [*feature.names] if feature.names else None
+        described[feature.column] = {"dtype": kind, "shape": feature.shape, "names": names}
     outcomes = {_REWARD: "float32", _DONE: "bool", _TRUNCATED: "bool", _SUCCESS: "bool"}
     return {**described, **{name: {"dtype": kind, "shape": (1,), "names": None} for name, kind in outcomes.items()}}
 
@@ -261,15 +252,9 @@ class LeRobotPlan(DatasetPlan):
         inner = suite_env(environment)
         observations, fps = LeRobotObservations(inner), frames_per_second(inner)
         with files.atomic_folder(self.path) as elsewhere, _quietly():
-            dataset = self._library.LeRobotDataset.create(
-                self.dataset_id,
-                fps,
-                dataset_features(observations.features),
-                root=elsewhere,
-                robot_type="franka",
-                use_videos=False,
-                video_backend=_VIDEO_BACKEND,
-            )
+            features = dataset_features(observations.features)
+            options = {"robot_type": "franka", "use_videos": False, "video_backend": _VIDEO_BACKEND}
+            dataset = self._library.LeRobotDataset.create(self.dataset_id, fps, features, root=elsewhere, **options)
             episodes = []
             for index in indices:
                 episode = folder.load(index)
@@ -277,20 +262,14 @@ class LeRobotPlan(DatasetPlan):
                 assert episode.seed is not None
                 episodes.append(RecordedEpisode(index=index, seed=episode.seed, sha256=digest(episode)))
             dataset.finalize()
-            record = _Record(
-                recording=self.spec.as_json(),
-                num_episodes=self.count,
-                control_frequency=float(inner.metadata["render_fps"]),
-                episodes=episodes,
-            )
+            spec, frequency = self.spec.as_json(), float(inner.metadata["render_fps"])
+            record = _Record(recording=spec, num_episodes=self.count, control_frequency=frequency, episodes=episodes)
             files.write_json(elsewhere / RECORDING_FILE, dataclasses.asdict(record))
 
     def _add(self, dataset: Any, episode: EpisodeArrays, observations: LeRobotObservations) -> None:
         # LeRobot has single numbers as arrays of shape (1,).
-        columns = {
-            name: rows[:, np.newaxis] if rows.ndim == 1 else rows
-            for name, rows in observations.columns(episode).items()
-        }
+        found = observations.columns(episode)
+        columns = {name: rows[:, np.newaxis] if rows.ndim == 1 else rows for name, rows in found.items()}
         task = episode.instruction or self.spec.task_name.replace("_", " ")
         for step in range(episode.steps):
             dataset.add_frame({**{name: rows[step] for name, rows in columns.items()}, "task": task})
@@ -330,12 +309,8 @@ class LeRobotSource(Source):
             bounds = self._dataset.meta.episodes[index]
             rows = self._rows[bounds["dataset_from_index"] : bounds["dataset_to_index"]]
             columns = {name: np.asarray(array) for name, array in rows.items() if name not in _OWN_COLUMNS}
-            return EpisodeArrays(
-                index=index,
-                seed=recorded.seed,
-                arrays=self._observations.arrays(columns, recorded.sha256),
-                instruction=str(bounds["tasks"][0]),
-            )
+            arrays, sentence = self._observations.arrays(columns, recorded.sha256), str(bounds["tasks"][0])
+            return EpisodeArrays(index=index, seed=recorded.seed, arrays=arrays, instruction=sentence)
 
     def projected(self, replayed: EpisodeArrays) -> EpisodeArrays:
         return self._observations.projected(replayed)

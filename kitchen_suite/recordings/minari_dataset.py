@@ -5,13 +5,12 @@ import importlib
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, gymnasium_env
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -26,13 +25,10 @@ from kitchen_suite.tasks.task import PICTURE_AXES
 SPEC_KEY, _COUNT_KEY = "kitchen_suite_recording", "kitchen_suite_num_episodes"
 INSTRUCTION_KEY, _ACTIONS_KEY = "instruction", "actions_sha256"
 
-# HDF5 keeps seeds in attributes of 64 bits.
-_MAX_SEED = 2**63 - 1
-# Number of episodes in memory at the same time.
-_CHUNK = 20
+_MAX_SEED = 2**63 - 1  # HDF5 keeps seeds in attributes of 64 bits.
+_CHUNK = 20  # Number of episodes in memory at the same time.
 
-# Minari's file of all episodes. Greatest sizes of a dataset without episodes, and of an array beside its elements
-# [bytes].
+# Minari's file of all episodes. Greatest sizes of an empty dataset, and of an array beside its elements [bytes].
 _DATA_FILE = "main_data.hdf5"
 _EMPTY_BYTES, _ARRAY_BYTES = 2**16, 2**13
 
@@ -70,9 +66,7 @@ class MinariPlan(DatasetPlan):
                 arrays = [array for episode in episodes for array in episode.arrays.values()]
                 files.reserve(data_file, sum(_ARRAY_BYTES + 2 * array.nbytes for array in arrays))
                 dataset.update_dataset_from_buffer([self._buffer(episode) for episode in episodes])
-                metadata = [
-                    {INSTRUCTION_KEY: episode.instruction, _ACTIONS_KEY: episode.actions_sha256} for episode in episodes
-                ]
+                metadata = [{INSTRUCTION_KEY: each.instruction, _ACTIONS_KEY: each.actions_sha256} for each in episodes]
                 dataset.storage.update_episode_metadata(metadata, range(start, start + len(episodes)))
             if has_pictures:
                 _compress(data_file)
@@ -120,9 +114,13 @@ class MinariPlan(DatasetPlan):
             rewards=arrays["reward"],
             terminations=arrays["termination"],
             truncations=arrays["truncation"],
+            # Labels of actions are infos of the steps that they make, 0 at the reset, as in gym-hil.
             infos={
                 **{name.removeprefix("info/"): array for name, array in arrays.items() if name.startswith("info/")},
-                **{name.removeprefix("label/"): _with_reset(rows) for name, rows in episode.labels.items()},
+                **{
+                    name.removeprefix("label/"): np.concatenate([np.zeros_like(rows[:1]), rows])
+                    for name, rows in episode.labels.items()
+                },
             },
         )
 
@@ -159,34 +157,22 @@ class MinariSource(Source):
             _check_episode_size(self._dataset.storage.data_path, index)
             (data,) = self._dataset.iterate_episodes([index])
             (metadata,) = self._dataset.storage.get_episode_metadata([index])
+            infos = {name: np.asarray(array) for name, array in flatten(data.infos or {}, "info").items()}
+            rows = (len(data.rewards) + 1,)
             arrays = {
                 **flatten(data.observations, "observation"),
-                **_numeric(data.infos or {}, len(data.rewards) + 1),
+                # Other programs also keep strings, or lack the reset's infos.
+                **{name: each for name, each in infos.items() if each.dtype.kind in "biuf" and each.shape[:1] == rows},
                 "action": data.actions,
                 "reward": data.rewards,
                 "termination": data.terminations,
                 "truncation": data.truncations,
             }
-            seed = metadata.get("seed")
-            episode = EpisodeArrays(
-                index=index,
-                seed=None if seed is None else int(seed),
-                arrays=arrays,
-                instruction=str(metadata.get(INSTRUCTION_KEY, "")),
-            )
+            seed, sentence = metadata.get("seed"), str(metadata.get(INSTRUCTION_KEY, ""))
+            seed = None if seed is None else int(seed)
+            episode = EpisodeArrays(index=index, seed=seed, arrays=arrays, instruction=sentence)
             episode.check(metadata.get(_ACTIONS_KEY))
         return episode
-
-
-def _with_reset(labels: NDArray) -> NDArray:
-    """Returns labels `(T, ...)` of actions as infos `(T + 1, ...)` of the steps that they make, 0 first, as gym-hil."""
-    return np.concatenate([np.zeros_like(labels[:1]), labels])
-
-
-def _numeric(infos: Mapping[str, Any], rows: int) -> dict[str, NDArray]:
-    """Returns the arrays of numbers with `rows` rows: other programs also keep strings, or lack the reset's infos."""
-    arrays = {name: np.asarray(array) for name, array in flatten(infos, "info").items()}
-    return {name: array for name, array in arrays.items() if array.dtype.kind in "biuf" and array.shape[:1] == (rows,)}
 
 
 def find(name: str, root: Path | None) -> MinariSource | None:

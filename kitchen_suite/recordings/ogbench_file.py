@@ -16,8 +16,7 @@ from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-# One episode in ten is for validation, in the layouts that have such.
-_VALIDATION = 10
+_VALIDATION = 10  # One episode in ten is for validation, in the layouts that have such.
 
 
 class OGBenchPlan(ExportPlan):

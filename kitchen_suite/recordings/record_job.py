@@ -36,8 +36,7 @@ _PLAY = {
     "max_episode_steps": 1_000,
 }
 
-# Noise on the expert's actions and poses makes all episodes differ. The last five are sets for offline learning; see
-# docs/guide/offline.md.
+# Noise on actions and poses makes all episodes differ. The last five are for offline learning: docs/guide/offline.md.
 KITCHEN_PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         # Four tasks, always in the same order.

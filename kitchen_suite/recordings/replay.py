@@ -274,8 +274,7 @@ class ReplayJob:
 def choose(indices: Sequence[int], wanted: str | None, count: int) -> list[int]:
     """Returns the episodes to replay, of all `indices` in order.
 
-    `wanted` is `all`, or numbers and ranges such as `0,5,7-9`; None for `count` of them, spread evenly from the first
-    to the last.
+    `wanted` is `all`, or numbers and ranges such as `0,5,7-9`; None for `count`, spread evenly from first to last.
     """
     if not indices:
         raise ValueError("there are no episodes")

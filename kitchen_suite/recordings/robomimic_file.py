@@ -12,24 +12,21 @@ from numpy.typing import NDArray
 from kitchen_suite import files, suite
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings import exports
-from kitchen_suite.recordings.d4rl_file import ROW_BYTES, GrowingFile, datasets_of
+from kitchen_suite.recordings.d4rl_file import append, datasets_of, new_file, reserve
 from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-# One episode in ten is for validation, in the layouts that have such.
-_VALIDATION = 10
-
-# robomimic's type of environments of Gymnasium's interface.
-_GYM_TYPE = 2
+_VALIDATION = 10  # One episode in ten is for validation, in the layouts that have such.
+_GYM_TYPE = 2  # robomimic's type of environments of Gymnasium's interface.
+_ROW_BYTES = 64  # Greatest size of a name in a list of an HDF5 file.
 
 
 class RobomimicPlan(ExportPlan):
     """A file `NAME.hdf5`: a group `data/demo_I` for each episode, and names of demonstrations in `mask`.
 
     A group has `actions`, `rewards`, `dones` (1 in the last step), `terminations`, `truncations`, `obs/KEY` and
-    `next_obs/KEY`, whose keys are those of the observation with an underscore for each slash, and `states`: time, qpos
-    and qvel before each step.
+    `next_obs/KEY`, keys of the observation with underscores for slashes, and `states`: time, qpos, qvel before a step.
     """
 
     title = "robomimic"
@@ -39,18 +36,18 @@ class RobomimicPlan(ExportPlan):
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
         spec, total = self.spec, 0
-        with GrowingFile(folder / self.path.name) as file:
-            data = file.file.create_group("data")
+        with new_file(folder / self.path.name) as file:
+            data = file.create_group("data")
             for number, episode in enumerate(episodes):
                 columns = self.columns(environment, spec, episode)
-                file.append({f"data/demo_{number}/{name}": rows for name, rows in columns.items()})
+                append(file, {f"data/demo_{number}/{name}": rows for name, rows in columns.items()})
                 group = data[f"demo_{number}"]
                 group.attrs["num_samples"], group.attrs["seed"] = episode.steps, episode.seed
                 model = suite_env(environment).composer_task.root_entity.mjcf_model.to_xml_string()
-                file.reserve(len(model.encode()))
+                reserve(file, len(model.encode()))
                 group.attrs["model_file"] = model
                 total += episode.steps
-            file.reserve(ROW_BYTES * count)
+            reserve(file, _ROW_BYTES * count)
             data.attrs["total"] = total
             own = suite.task_arguments(spec.domain_name, spec.task_name)
             arguments = {"env_name": suite.find_domain(spec.domain_name).env_id, "type": _GYM_TYPE}
@@ -58,7 +55,7 @@ class RobomimicPlan(ExportPlan):
             first = count // _VALIDATION
             for name, numbers in {"train": range(first, count), "valid": range(first)}.items():
                 if numbers:
-                    file.file[f"mask/{name}"] = [f"demo_{number}".encode() for number in numbers]
+                    file[f"mask/{name}"] = [f"demo_{number}".encode() for number in numbers]
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:

@@ -107,8 +107,7 @@ def making_context(owner: ContextOwner) -> Iterator[None]:
     atexit.register(_free_contexts)
 
 
-@contextlib.contextmanager
-def making_dm_control_context(owner: ContextOwner) -> Iterator[None]:
+def making_dm_control_context(owner: ContextOwner) -> contextlib.AbstractContextManager[None]:
     """As `making_context`, for a GL context of dm_control, which may have chosen its library without the suite."""
     chosen = sys.modules[_DM_CONTROL_RENDERER].BACKEND
     if chosen == "glfw" and not has_display() and os.environ.get(_VARIABLE) != "glfw":
@@ -116,8 +115,7 @@ def making_dm_control_context(owner: ContextOwner) -> Iterator[None]:
             "nothing can be rendered here: dm_control was imported before kitchen_suite and chose GLFW, which needs a "
             f"display; import kitchen_suite.suite first, or set {_VARIABLE}=egl"
         )
-    with making_context(owner):
-        yield
+    return making_context(owner)
 
 
 @contextlib.contextmanager

@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import importlib.metadata
 import io
 import warnings
 from collections.abc import Callable
@@ -37,7 +36,7 @@ _NUM_SLICES, _NUM_STACKS, _NUM_QUADS = 20, 4, 1
 
 def missing_packages() -> list[str]:
     """Returns the packages of the extra `pixels` that are not installed."""
-    return [name for name in PACKAGES if not _version(name)]
+    return [name for name in PACKAGES if not checks.version_of(name)]
 
 
 def is_large(stl: bytes) -> bool:
@@ -50,7 +49,10 @@ def light_stl(stl: bytes) -> bytes:
 
     It is read from the cache folder. If there is none, or a damaged one, it is made, and written there if possible.
     """
-    path = _cache_path(stl)
+    # By the contents of the mesh and all that the result depends on.
+    settings = (MAX_FACES, _AGGRESSION, *((name, checks.version_of(name)) for name in PACKAGES))
+    digest, root = hashlib.sha256(repr(settings).encode() + stl).hexdigest(), files.cache_folder()
+    path = root and root / "light-meshes" / f"{digest}.npz"
     if path and (kept := _read(path)):
         return kept
     import trimesh  # Only installed with the extra.
@@ -67,14 +69,6 @@ def light_stl(stl: bytes) -> bytes:
     return made
 
 
-def _cache_path(stl: bytes) -> Path | None:
-    """Returns where the light version of a mesh is kept, by its contents and all that the result depends on."""
-    settings = (MAX_FACES, _AGGRESSION, *((name, _version(name)) for name in PACKAGES))
-    digest = hashlib.sha256(repr(settings).encode() + stl).hexdigest()
-    root = files.cache_folder()
-    return root and root / "light-meshes" / f"{digest}.npz"
-
-
 def _read(path: Path) -> bytes | None:
     """Returns the contents of a light STL file; None if there is none, or what is there is damaged."""
     try:
@@ -89,13 +83,6 @@ def _count_faces(stl: bytes) -> int:
     """Returns the number of faces in the contents of a binary STL file; 0 for those of another file."""
     faces = int.from_bytes(stl[_HEADER - 4 : _HEADER], "little")
     return faces if len(stl) == _HEADER + _FACE * faces else 0
-
-
-def _version(package: str) -> str | None:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Callable[[mjcf.Element], bool]") -> None:
@@ -118,26 +105,19 @@ def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Calla
             texture.remove()
     # Meshes that only visual geoms have; one that some geom has by its name is the same mesh.
     root.resolve_references()
-    by_kind: dict[bool, set[mjcf.Element]] = {True: set(), False: set()}
-    for geom in root.find_all("geom"):
-        by_kind[bool(is_visual(geom))].add(geom.mesh)
-    visual = by_kind[True] - by_kind[False]
+    geoms = root.find_all("geom")
+    visual = {geom.mesh for geom in geoms if is_visual(geom)} - {geom.mesh for geom in geoms if not is_visual(geom)}
     meshes = [mesh for mesh in root.find_all("mesh") if mesh in visual and mesh.file is not None]
-    _lighten([mesh for mesh in meshes if is_large(mesh.file.contents)])
-
-
-def _lighten(meshes: "list[mjcf.Element]") -> None:
-    """Replaces meshes by light versions, or warns that these need an extra."""
-    if not meshes:
+    if not (large := [mesh for mesh in meshes if is_large(mesh.file.contents)]):
         return
     if missing := missing_packages():
         warnings.warn(
             "render_quality 'fast' is up to three times as fast with light meshes, which need "
             f"{' and '.join(missing)}: {checks.install_command('pixels')}",
-            stacklevel=3,
+            stacklevel=2,
         )
         return
     from dm_control import mjcf
 
-    for mesh in meshes:
+    for mesh in large:
         mesh.file = mjcf.Asset(light_stl(mesh.file.contents), ".stl")

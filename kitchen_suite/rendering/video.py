@@ -41,58 +41,42 @@ def open_video(
     An existing mp4 file is replaced. An exception, such as an interrupt, ends the video early: the frames until then
     are kept, and `on_partial` is called with their number. An OSError means that ffmpeg failed, or the disk is full.
     """
-    early_end = None
+    import imageio_ffmpeg  # Only installed with the extra.
+
+    early_end, count = None, 0
     with files.atomic_write(path) as partial:
-        with contextlib.closing(_VideoWriter(partial, (width, height), frames_per_second)) as writer:
+        # Absolute: ffmpeg takes a relative name with a colon for a protocol.
+        name, settings = str(partial.absolute()), {"macro_block_size": 2, "ffmpeg_log_level": "quiet"}
+        ffmpeg = imageio_ffmpeg.write_frames(name, (width, height), fps=frames_per_second, quality=7, **settings)
+
+        def send(frame: NDArray[np.uint8]) -> None:
+            nonlocal count
+            ffmpeg.send(frame)
+            count += 1
+
+        # A thread of its own: an interrupt while a frame is written would end ffmpeg before the file is complete.
+        with contextlib.closing(ffmpeg), ThreadPoolExecutor(1) as thread:
+            ffmpeg.send(None)
             try:
-                yield writer.append
+                yield lambda frame: thread.submit(send, np.ascontiguousarray(frame)).result()
             except BaseException as error:
-                if not writer.frame_count:
+                if not count:
                     raise
                 early_end = error
-        _check_frame_count(partial, writer.frame_count)
+        _check_frame_count(name, count)
     if early_end is not None:
-        on_partial(writer.frame_count)
+        on_partial(count)
         raise early_end
 
 
-class _VideoWriter:
-    """Sends frames to an ffmpeg process and counts them."""
-
-    def __init__(self, path: Path, size: tuple[int, int], frames_per_second: float) -> None:
-        import imageio_ffmpeg  # Only installed with the extra.
-
-        self.frame_count = 0
-        # Absolute: ffmpeg takes a relative name with a colon for a protocol.
-        self._ffmpeg = imageio_ffmpeg.write_frames(
-            str(path.absolute()), size, fps=frames_per_second, quality=7, macro_block_size=2, ffmpeg_log_level="quiet"
-        )
-        # A thread of its own: an interrupt while a frame is written would end ffmpeg before the file is complete.
-        self._thread = ThreadPoolExecutor(1)
-        self._ffmpeg.send(None)
-
-    def append(self, frame: NDArray[np.uint8]) -> None:
-        """Appends a frame."""
-        self._thread.submit(self._send, np.ascontiguousarray(frame)).result()
-
-    def close(self) -> None:
-        """Ends the ffmpeg process, which completes the file."""
-        self._thread.shutdown()
-        self._ffmpeg.close()
-
-    def _send(self, frame: NDArray[np.uint8]) -> None:
-        self._ffmpeg.send(frame)
-        self.frame_count += 1
-
-
-def _check_frame_count(path: Path, expected: int) -> None:
+def _check_frame_count(path: str, expected: int) -> None:
     """Raises an OSError if a video has not all its frames; imageio-ffmpeg ignores ffmpeg's exit status."""
     import imageio_ffmpeg
 
     try:
-        found, _ = imageio_ffmpeg.count_frames_and_secs(str(path.absolute()))
+        found, _ = imageio_ffmpeg.count_frames_and_secs(path)
     except RuntimeError:
         found = 0
     if found != expected:
-        files.reserve(path, _PROBE)
+        files.reserve(Path(path), _PROBE)
         raise OSError(f"ffmpeg wrote {found} of {expected} frames")

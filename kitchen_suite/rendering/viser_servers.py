@@ -48,11 +48,9 @@ def local_server(port: int, label: str) -> Iterator["viser.ViserServer"]:
         yield server
 
 
-@contextlib.contextmanager
-def silent_server() -> Iterator["viser.ViserServer"]:
-    """Yields a server that listens to no port; its scene can be recorded."""
-    with _server(lambda serve: _Unbound, host=HOST, port=0) as server:
-        yield server
+def silent_server() -> contextlib.AbstractContextManager["viser.ViserServer"]:
+    """Returns a context with a server that listens to no port; its scene can be recorded."""
+    return _server(lambda serve: _Unbound, host=HOST, port=0)
 
 
 @contextlib.contextmanager

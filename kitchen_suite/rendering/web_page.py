@@ -9,11 +9,11 @@ import base64
 import hashlib
 import html
 import importlib.resources
-import json
-import math
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any
+
+import msgspec
 
 # Bytes from which a message has a chunk of its own: meshes are larger, poses are smaller.
 _MIN_SHARED = 512
@@ -85,8 +85,6 @@ def _parts(recording: bytes) -> Iterator[bytes]:
 
 def _encoded(payload: bytes) -> tuple[bytes, list[bytes]]:
     """Returns the MessagePack of a recording: all before its messages, and each message."""
-    import msgspec
-
     recorded = msgspec.msgpack.decode(payload)
     messages = recorded.pop("messages")
     head = bytes([0x80 | (len(recorded) + 1)])  # MessagePack: a map with this number of keys.
@@ -97,13 +95,4 @@ def _encoded(payload: bytes) -> tuple[bytes, list[bytes]]:
 
 def _script_json(value: Any) -> str:
     """Returns JSON that can stand in a script element; numbers that JSON does not have are null."""
-    return json.dumps(_with_nulls(value), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-
-
-def _with_nulls(value: Any) -> Any:
-    """Returns what JSON represents with None in place of NaN and infinite numbers."""
-    if isinstance(value, Mapping):
-        return {key: _with_nulls(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_with_nulls(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return msgspec.json.encode(value).decode().replace("<", "\\u003c")

@@ -121,11 +121,8 @@ def _light_shapes() -> Iterator[None]:
 
     merge, capsule = scene.merge_geoms, trimesh.creation.capsule
 
-    def merge_matte(*arguments: Any) -> Any:
-        return _with_matte_colours(merge(*arguments))
-
     with (
-        unittest.mock.patch.object(scene, "merge_geoms", merge_matte),
+        unittest.mock.patch.object(scene, "merge_geoms", lambda *arguments: _with_matte_colours(merge(*arguments))),
         unittest.mock.patch.object(trimesh.creation, "capsule", functools.partial(capsule, count=_CAPSULE)),
     ):
         yield

@@ -81,8 +81,13 @@ class EpisodeArrays:
             raise ValueError(f"{', '.join(missing)} is missing")
         if not any(_part(name) == "observation" for name in self.arrays):
             raise ValueError("there are no observations")
+        count = self.arrays["reward"].size
         for name, array in self.arrays.items():
-            _check_array(name, array, self.arrays["reward"])
+            kinds, extra, dimensions = _LAYOUT.get(_part(name), ("", 0, 0))
+            if array.dtype.kind not in kinds or array.ndim != (dimensions or array.ndim):
+                raise ValueError(f"{name} is an array of {array.dtype} with {array.ndim} dimensions")
+            if array.ndim == 0 or len(array) != count + extra or not count:
+                raise ValueError(f"{name} of shape {array.shape} does not fit {count} control steps")
         if actions_sha256 is not None and actions_sha256 != self.actions_sha256:
             raise ValueError("its actions are not those that were recorded: their SHA-256 does not match")
 
@@ -117,15 +122,6 @@ class EpisodeStats:
 
 def _part(name: str) -> str:
     return name.partition("/")[0]
-
-
-def _check_array(name: str, array: NDArray, rewards: NDArray) -> None:
-    """Raises a ValueError unless an array has numbers, and a row for each reward or one more, that of the reset."""
-    kinds, extra, dimensions = _LAYOUT.get(_part(name), ("", 0, 0))
-    if array.dtype.kind not in kinds or array.ndim != (dimensions or array.ndim):
-        raise ValueError(f"{name} is an array of {array.dtype} with {array.ndim} dimensions")
-    if array.ndim == 0 or len(array) != rewards.size + extra or not rewards.size:
-        raise ValueError(f"{name} of shape {array.shape} does not fit {rewards.size} control steps")
 
 
 def flatten(nested: Any, name: str) -> dict[str, Any]:
@@ -222,8 +218,9 @@ class EpisodeBuffer:
         return dm_env.transition(self.reward, observation)
 
     def arrays(self, *, with_observations: bool = True) -> dict[str, NDArray]:
-        """Returns the arrays of the episode so far; without those of observations and infos if they are not wanted."""
-        columns, rows = zip(*self._steps, strict=True), self._rows if with_observations else [{}]
+        """Returns the arrays of the episode so far; unless wanted, observations of no numbers, and no infos."""
+        columns, nothing = zip(*self._steps, strict=True), {"observation": np.empty(0)}
+        rows = self._rows if with_observations else [nothing] * len(self._rows)
         return {
             **{name: np.stack([row[name] for row in rows]) for name in rows[0]},
             **{name: np.array(column) for name, column in zip(Step._fields, columns, strict=True)},

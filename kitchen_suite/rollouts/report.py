@@ -52,8 +52,7 @@ class Report:
             **dict(_mean(name, [stats.metrics[name] for stats in episodes]) for name in episodes[0].metrics),
             "steps per second": f"{speed:.0f}",
         }
-        width = max(map(len, lines))
-        return "\n".join(f"{name:<{width}}{_GAP}{value}" for name, value in lines.items())
+        return tabulate(lines.items(), tablefmt="plain", disable_numparse=True)
 
     def _row(self, cells: dict[str, str]) -> str:
         """Aligns cells to the right below their names; the last one begins below its name, and may take many lines."""
@@ -68,24 +67,18 @@ class Report:
         return wrapper.fill(cells[last]).replace(_UNBROKEN, " ")
 
 
-class EpisodeBar:
+class EpisodeBar(tqdm):
     """A progress bar, where stderr is a terminal, that counts episodes and shows how many of them succeeded."""
 
     def __init__(self, total: int, found: int = 0, successes: int = 0) -> None:
         """Shows the bar; of the total, `found` episodes were there before."""
-        self._bar = tqdm(total=total, initial=found, unit="episode", disable=None, leave=False)
-        self._count, self._successes = found, successes
-
-    def __enter__(self) -> "EpisodeBar":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._bar.close()
+        super().__init__(total=total, initial=found, unit="episode", disable=None, leave=False)
+        self._successes = successes
 
     def count(self, success: bool) -> None:
-        self._count, self._successes = self._count + 1, self._successes + success
-        self._bar.set_postfix_str(f"success {self._successes / self._count:.0%}", refresh=False)
-        self._bar.update()
+        self._successes += success
+        self.set_postfix_str(f"success {self._successes / (self.n + 1):.0%}", refresh=False)
+        self.update()
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], style: str = "simple") -> str:
@@ -114,12 +107,11 @@ def _cells(index: int, stats: EpisodeStats) -> dict[str, str]:
         "return": _number(stats.total_reward),
         "steps": str(stats.steps),
         "seconds": f"{stats.seconds:7.2f}",
-        **{_title(name, value): _text(name, value) for name, value in metrics},
+        **{
+            name.replace("_", " ") + (" (at control step)" if isinstance(value, dict) else ""): _text(name, value)
+            for name, value in metrics
+        },
     }
-
-
-def _title(name: str, value: _Metric) -> str:
-    return name.replace("_", " ") + (" (at control step)" if isinstance(value, dict) else "")
 
 
 def _text(name: str, value: _Metric) -> str:

@@ -3,7 +3,6 @@
 import collections
 import contextlib
 import dataclasses
-import itertools
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from types import MappingProxyType
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError, instruct, labels_of
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, Waiting, Watch, flatten
-from kitchen_suite.rollouts.spec import EpisodePolicies, EpisodeSpec, SeededPolicies, clipped_action, reset_to_seed
+from kitchen_suite.rollouts.spec import EpisodePolicies, EpisodeSpec, clipped_action, reset_to_seed, seeded_policies
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Control steps that an episode can go back.
@@ -43,13 +42,13 @@ class SingleRollout:
         """Makes the environment, with `extra` further arguments, and finds the policy, if no builder is given."""
         self._spec = spec
         self.environment = spec.make_environment(**extra)
-        self._policies = SeededPolicies(build_policy) if build_policy else spec.episode_policies()
+        self._policies = seeded_policies(build_policy) if build_policy else spec.episode_policies()
 
     def start(self, seed: int, name: str = "", options: Mapping[str, Any] | None = None) -> None:
         """Starts the episode of a seed, with a name for readers; raises a PolicyError if the policy cannot be built."""
         self.options = options
         self.buffer = EpisodeBuffer(*reset_to_seed(self.environment, seed, self._spec.seeding, options), name=name)
-        self.policy = self._policies.start(suite_env(self.environment).environment, seed, options)
+        self.policy = self._policies(suite_env(self.environment).environment, seed, options)
 
     def step(self) -> None:
         """Makes a control step with the policy's action.
@@ -148,11 +147,11 @@ class PolicyController:
         assert isinstance(environments.single_action_space, gymnasium.spaces.Box)
         self._space = environments.single_action_space
         self._policies: dict[int, Policy] = {}
-        self.labels: Mapping[str, NDArray] = {}
+        self.labels: dict[str, NDArray] = {}
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
         environment = self._environments.template_of(i).environment
-        self._policies[i] = self._episode_policies.start(environment, seed, options)
+        self._policies[i] = self._episode_policies(environment, seed, options)
 
     def act(self, step: BatchStep) -> NDArray:
         actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
@@ -163,7 +162,10 @@ class PolicyController:
             actions[i] = self._action(i, step, {key: array[i] for key, array in observations.items()})
         each = [labels_of(self._policies[i]) for i in playing]
         labels = {name: np.array([one[name] for one in each]) for name in each[0]}
-        self.labels = {name: _spread(values, playing, step.is_playing.size) for name, values in labels.items()}
+        # Zeros where no episode is played.
+        self.labels = {name: np.zeros((len(actions), *rows.shape[1:]), rows.dtype) for name, rows in labels.items()}
+        for name, rows in labels.items():
+            self.labels[name][playing] = rows
         return actions
 
     def _action(self, i: int, step: BatchStep, observation: dict[str, NDArray]) -> NDArray:
@@ -191,53 +193,43 @@ class NetworkController:
         return self._network(step.observations)
 
 
-@dataclasses.dataclass
-class _Running:
-    """An episode in progress in one of the environments.
+@dataclasses.dataclass(eq=False, kw_only=True)
+class VectorEpisode:
+    """An episode in environment `i` of many.
 
-    `first` is the number of the time of its reset in the history, `seconds` its share of the time that playing took.
+    Attributes:
+      rows: observations and infos of all environments after its reset and after each of its `steps`.
+      seconds: its share of the time that playing took [s].
+      instruction: the task's sentence, once the episode has ended.
+      diverged: whether the physics has diverged; the last step has no meaning then, and neither have the last infos.
     """
 
+    i: int
     index: int
     seed: int
-    first: int
+    rows: list[dict[str, NDArray]] = dataclasses.field(default_factory=list)
+    steps: list[dict[str, NDArray]] = dataclasses.field(default_factory=list)
     seconds: float = 0.0
-
-
-class EndedEpisode:
-    """An episode that has just ended in environment `i`, to be read before `VectorRollout.play` yields the next one.
-
-    If its physics has `diverged`, its last step has no meaning, and neither have the last infos.
-    """
-
-    def __init__(self, history: "_History", i: int, running: _Running, instruction: str, diverged: bool) -> None:
-        self.i, self.diverged = i, diverged
-        self._rows, self._steps = history.since(running.first)
-        self._running, self._instruction = running, instruction
+    instruction: str = ""
+    diverged: bool = False
 
     @property
     def rewards(self) -> NDArray[np.float64]:
         """Rewards `(T,)` of its control steps."""
-        return np.array([step["reward"][self.i] for step in self._steps])
+        return np.array([step["reward"][self.i] for step in self.steps])
 
     @property
     def last_info(self) -> dict[str, NDArray]:
-        last = self._rows[-1].items()
+        last = self.rows[-1].items()
         return {name.removeprefix("info/"): rows[self.i] for name, rows in last if name.startswith("info/")}
 
     def collect(self) -> EpisodeArrays:
-        i, running = self.i, self._running
         arrays = {
-            **{name: np.stack([row[name][i] for row in self._rows]) for name in self._rows[0]},
-            **{name: np.stack([step[name][i] for step in self._steps]) for name in self._steps[0]},
+            **{name: np.stack([row[name][self.i] for row in self.rows]) for name in self.rows[0]},
+            **{name: np.stack([step[name][self.i] for step in self.steps]) for name in self.steps[0]},
         }
-        return EpisodeArrays(
-            index=running.index,
-            seed=running.seed,
-            arrays=arrays,
-            seconds=running.seconds,
-            instruction=self._instruction,
-        )
+        shared = {name: getattr(self, name) for name in ("index", "seed", "seconds", "instruction")}
+        return EpisodeArrays(arrays=arrays, **shared)
 
 
 class VectorRollout:
@@ -252,114 +244,68 @@ class VectorRollout:
         """
         self._environments, self._controller, self._resets = environments, controller, resets
         count = environments.num_envs
-        self._running: list[_Running | None] = [None] * count
+        self._running: list[VectorEpisode | None] = [None] * count
         self._observations: Any = None  # After the last step or reset.
         self._rewards, self._is_first = np.zeros(count), np.zeros(count, bool)
-        self._history = _History()
 
-    def play(self, waiting: Waiting) -> Iterator[tuple[int, EndedEpisode]]:
+    def play(self, waiting: Waiting) -> Iterator[tuple[int, VectorEpisode]]:
         """Yields the number of each episode as it ends, and the episode; more may be `waiting` in the meantime."""
         needs_reset = np.full(len(self._running), True)
         while True:
             if waiting:
-                needs_reset |= [running is None for running in self._running]
+                needs_reset |= [episode is None for episode in self._running]
             for i in np.flatnonzero(needs_reset).tolist():
-                self._running[i] = self._next(i, waiting)
-            is_playing = np.array([running is not None for running in self._running])
-            if not is_playing.any():
+                self._running[i] = None
+                if waiting:
+                    index, seed = waiting.popleft()
+                    self._controller.start(i, seed, self._resets[index] if self._resets else {})
+                    self._running[i] = VectorEpisode(i=i, index=index, seed=seed)
+            playing = [episode for episode in self._running if episode]
+            if not playing:
                 return
             started = time.perf_counter()
+            is_playing = np.array([episode is not None for episode in self._running])
             # The first reset has to be of all environments; later, those without an episode to play are left out.
-            self._reset(needs_reset if self._history.is_empty else needs_reset & is_playing)
-            needs_reset, diverged = self._step(is_playing)
-            self._share(time.perf_counter() - started)
-            for i in np.flatnonzero(needs_reset).tolist():
-                if running := self._running[i]:
-                    instruction = self._environments.instruction[i]
-                    yield running.index, EndedEpisode(self._history, i, running, instruction, bool(diverged[i]))
-
-    def _next(self, i: int, waiting: Waiting) -> _Running | None:
-        if not waiting:
-            return None
-        index, seed = waiting.popleft()
-        self._controller.start(i, seed, self._resets[index] if self._resets else {})
-        return _Running(index, seed, self._history.present)
+            self._reset(needs_reset if self._observations is None else needs_reset & is_playing)
+            needs_reset = self._step(playing, is_playing)
+            seconds = (time.perf_counter() - started) / len(playing)
+            for episode in playing:
+                episode.seconds += seconds
+            for episode in playing:
+                if needs_reset[episode.i]:
+                    episode.instruction = self._environments.instruction[episode.i]
+                    yield episode.index, episode
 
     def _reset(self, mask: NDArray[np.bool_]) -> None:
+        """Starts the episodes in the environments of a mask."""
         self._is_first = mask
         if not mask.any():
             return
+        starting = [episode if new else None for episode, new in zip(self._running, mask, strict=True)]
         self._environments.reset_statistics(mask)
-        seeds = [running.seed if running and new else None for running, new in zip(self._running, mask, strict=True)]
-        options = {"reset_mask": mask, **self._options(mask)}
+        seeds = [episode.seed if episode else None for episode in starting]
+        each = [self._resets[episode.index] if episode and self._resets else {} for episode in starting]
+        names = {name for chosen in each for name in chosen}
+        options = {"reset_mask": mask, **{name: [chosen.get(name) for chosen in each] for name in names}}
         self._observations, infos = self._environments.reset(seed=seeds, options=options)
-        self._history.add_reset(self._observations, infos, mask)
+        row = _named(self._observations, infos)
+        for episode in filter(None, starting):
+            episode.rows.append(row)
 
-    def _options(self, mask: NDArray[np.bool_]) -> dict[str, list[Any]]:
-        """Returns the options with which episodes start in the environments of the mask, by name."""
-        if not self._resets:
-            return {}
-        starting = zip(self._running, mask, strict=True)
-        each = [self._resets[running.index] if running and new else {} for running, new in starting]
-        return {name: [options.get(name) for options in each] for name in {key for options in each for key in options}}
-
-    def _step(self, is_playing: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Makes a control step; returns in which environments the episode has ended, and the physics has diverged."""
+    def _step(self, playing: Sequence[VectorEpisode], is_playing: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Makes a control step; returns in which environments the episode has ended."""
         actions = self._controller.act(BatchStep(self._observations, self._rewards, self._is_first, is_playing))
         result = self._environments.step_some(actions, is_playing)
         self._observations, self._rewards, terminations, truncations, infos = result
-        diverged = infos.pop("physics_error", np.zeros(len(self._running), bool))
-        step = Step(actions, self._rewards, terminations, truncations)
-        self._history.add_step(step, self._observations, infos, self._controller.labels)
-        self._history.forget_before(min(running.first for running in self._running if running))
-        return terminations | truncations, diverged
-
-    def _share(self, seconds: float) -> None:
-        playing = [running for running in self._running if running]
-        for running in playing:
-            running.seconds += seconds / len(playing)
-
-
-class _History:
-    """Observations, infos and steps of all environments over time, from the start of the oldest running episode."""
-
-    def __init__(self) -> None:
-        # `_rows[t]` holds observations and infos at time `t`; `_steps[t]` leads from there to `_rows[t + 1]`.
-        self._rows: collections.deque[dict[str, NDArray]] = collections.deque()
-        self._steps: collections.deque[dict[str, NDArray]] = collections.deque()
-        self._forgotten = 0
-
-    @property
-    def is_empty(self) -> bool:
-        return not self._rows
-
-    @property
-    def present(self) -> int:
-        return self._forgotten + max(len(self._rows) - 1, 0)
-
-    def add_reset(self, observations: Any, infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> None:
-        """Replaces observations and infos of the present time in the environments of a mask."""
-        row = _named(observations, infos)
-        if self._rows:
-            row = {name: _merged(mask, array, self._rows[-1][name]) for name, array in row.items()}
-            self._rows.pop()
-        self._rows.append(row)
-
-    def add_step(
-        self, step: Step, observations: Any, infos: Mapping[str, NDArray], labels: Mapping[str, NDArray]
-    ) -> None:
-        self._steps.append({**step._asdict(), **flatten(labels, "label")})
-        self._rows.append(_named(observations, infos))
-
-    def forget_before(self, first: int) -> None:
-        while self._forgotten < first:
-            self._rows.popleft()
-            self._steps.popleft()
-            self._forgotten += 1
-
-    def since(self, first: int) -> tuple[list[dict[str, NDArray]], list[dict[str, NDArray]]]:
-        skipped = first - self._forgotten
-        return [*itertools.islice(self._rows, skipped, None)], [*itertools.islice(self._steps, skipped, None)]
+        diverged = infos.pop("physics_error", np.zeros(is_playing.size, bool))
+        named = Step(actions, self._rewards, terminations, truncations)._asdict()
+        step = {**named, **flatten(self._controller.labels, "label")}
+        row = _named(self._observations, infos)
+        for episode in playing:
+            episode.steps.append(step)
+            episode.rows.append(row)
+            episode.diverged = bool(diverged[episode.i])
+        return terminations | truncations
 
 
 def _named(observations: Any, infos: Mapping[str, NDArray]) -> dict[str, NDArray]:
@@ -373,20 +319,6 @@ def _numbers(infos: Mapping[str, Any]) -> dict[str, Any]:
         for name, part in infos.items()
         if not name.startswith("_") and getattr(part, "dtype", None) != np.dtype(object)
     }
-
-
-def _spread(values: NDArray, rows: list[int], count: int) -> NDArray:
-    """Returns an array of `count` rows with values in some of them, and zeros in the others."""
-    spread = np.zeros((count, *values.shape[1:]), values.dtype)
-    spread[rows] = values
-    return spread
-
-
-def _merged(mask: NDArray[np.bool_], new: NDArray, old: NDArray) -> NDArray:
-    """Returns `new` in the rows of a mask, `old` elsewhere."""
-    merged = old.copy()
-    merged[mask] = new[mask]
-    return merged
 
 
 def play_many(

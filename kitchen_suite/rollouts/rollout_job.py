@@ -77,18 +77,15 @@ class RolloutJob:
                 if self._ray:
                     self._play_on_workers(self._ray)
                 else:
-                    self._play()
+                    with self._watch() as watch:
+                        for index, seed in self._episodes:
+                            self._add(self._rollout.play(index, seed, watch))
         finally:
             if self.finished:
                 print_line(f"\n{self._report.summary()}")
         if self._settings == RolloutSettings():
             print_line(f"\nTry next: {_NEXT_COMMAND}")
         return True
-
-    def _play(self) -> None:
-        with self._watch() as watch:
-            for index, seed in self._episodes:
-                self._add(self._rollout.play(index, seed, watch))
 
     def _play_on_workers(self, ray: "RaySettings") -> None:
         ended = ray.run(functools.partial(SingleRunner, self._spec), self._episodes, capacity=1, num_threads=1)

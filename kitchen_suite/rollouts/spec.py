@@ -5,8 +5,8 @@ import dataclasses
 import json
 import math
 import warnings
-from collections.abc import Mapping
-from typing import Any, Protocol, cast
+from collections.abc import Callable, Mapping
+from typing import Any, cast
 
 import dm_env
 import gymnasium
@@ -200,7 +200,7 @@ class EpisodeSpec(EnvironmentSpec):
 
     def episode_policies(self) -> "EpisodePolicies":
         player = policies.player_of(self.policy)
-        return player(self) if player else SeededPolicies(self.find_policy())
+        return player(self) if player else seeded_policies(self.find_policy())
 
     def num_envs(self, num_episodes: int, most: int) -> int:
         """Returns `even_count`; one where a person plays: further episodes wait until one has been stored."""
@@ -246,25 +246,13 @@ class EpisodeSpec(EnvironmentSpec):
         return dataclasses.replace(self, task_kwargs={**self.task_kwargs, "extra_observables": extras})
 
 
-class EpisodePolicies(Protocol):
-    """Builds the policy of each episode."""
-
-    def start(
-        self, environment: dm_env.Environment, seed: int, options: Mapping[str, Any] | None = None
-    ) -> policies.Policy:
-        """Returns the policy for the episode of a seed and the options of its reset, in an environment of the suite."""
+EpisodePolicies = Callable[[dm_env.Environment, int, Mapping[str, Any] | None], policies.Policy]
+"""Builds the policy for an episode in an environment of the suite, of a seed and the options of its reset."""
 
 
-class SeededPolicies:
-    """Policies whose random numbers depend on the seed of the episode; an `EpisodePolicies`."""
-
-    def __init__(self, build: policies.PolicyBuilder) -> None:
-        self._build = build
-
-    def start(
-        self, environment: dm_env.Environment, seed: int, options: Mapping[str, Any] | None = None
-    ) -> policies.Policy:
-        return self._build(environment, policy_generator(seed))
+def seeded_policies(build: policies.PolicyBuilder) -> EpisodePolicies:
+    """Returns policies whose random numbers depend on the seed of the episode."""
+    return lambda environment, seed, options: build(environment, policy_generator(seed))
 
 
 def even_count(num_episodes: int, num_envs: int) -> int:

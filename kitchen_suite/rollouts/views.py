@@ -1,6 +1,7 @@
 """Films and web pages of episodes that are played in single environments."""
 
 import contextlib
+import functools
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -17,7 +18,6 @@ from kitchen_suite.rendering.web_scenes import SceneRecorder
 from kitchen_suite.rollouts.episode import EpisodeBuffer, Watch
 from kitchen_suite.rollouts.report import counted, print_line
 from kitchen_suite.settings import FilmSettings, PageSettings
-from kitchen_suite.tasks.task import SuiteTask
 
 PageStep = Callable[[EpisodeBuffer, Environment], None]
 
@@ -30,6 +30,7 @@ class Page:
         if settings.web:
             viser_servers.check_extra("a web page")
         self._settings, self._num_episodes = settings, num_episodes
+        self._page, self._about = WebPage(), dict[str, Any]()
 
     @contextlib.contextmanager
     def open(self) -> Iterator[PageStep]:
@@ -37,74 +38,55 @@ class Page:
 
         An exception, such as an interrupt, ends the page early: the steps until then are kept.
         """
-        path = self._settings.web
+        path, page, is_complete = self._settings.web, self._page, False
         if path is None:
             yield lambda buffer, environment: None
             return
         with SceneRecorder() as recorder:
-            writer, is_complete = _Writer(recorder, self._settings.camera, self._num_episodes), False
             try:
-                yield writer.add
+                yield functools.partial(self._add, recorder)
                 is_complete = True
             finally:
-                writer.end_episode()
-                if writer.page:
+                self._end_episode(recorder)
+                if page:
                     with files.atomic_write(path) as partial:
-                        partial.write_text(writer.page.html(path.stem), encoding="utf-8")
-                    size, count = path.stat().st_size / 1e6, len(writer.page)
-                    end = f", {size:.1f} MB" if is_complete else f" ends early, in episode {count}"
+                        partial.write_text(page.html(path.stem), encoding="utf-8")
+                    end = (
+                        f", {path.stat().st_size / 1e6:.1f} MB"
+                        if is_complete
+                        else f" ends early, in episode {len(page)}"
+                    )
                     print_line(f"web page {path}{end}")
 
-
-class _Writer:
-    """Collects the episodes of a page."""
-
-    def __init__(self, recorder: SceneRecorder, camera: str, num_episodes: int) -> None:
-        self.page = WebPage()
-        self._recorder, self._camera, self._num_episodes = recorder, camera, num_episodes
-        self._about: dict[str, Any] | None = None
-
-    def add(self, buffer: EpisodeBuffer, environment: Environment) -> None:
+    def _add(self, recorder: SceneRecorder, buffer: EpisodeBuffer, environment: Environment) -> None:
+        """Adds a step: its frame, reward and return, tasks with the control steps of their completion, measures."""
+        physics, timestep = environment.physics, environment.control_timestep()
         if buffer.steps == 0:
-            self.end_episode()
-            if len(self.page) < self._num_episodes:
-                self._begin(buffer, environment)
+            self._end_episode(recorder)
+            if len(self._page) < self._num_episodes:
+                recorder.start(physics, cameras.find_camera(physics, self._settings.camera))
+                name, instruction = buffer.name or f"episode {len(self._page)}", environment.task.instruction
+                self._about = {"name": name, "instruction": instruction, "timestep": timestep}
+                self._about |= {"rewards": [], "returns": [], "tasks": [], "metrics": {}}
         elif self._about:
-            self._recorder.add_frame(environment.physics, environment.control_timestep())
-        if self._about:
-            _add_progress(self._about, buffer.reward, environment.task)
+            recorder.add_frame(physics, timestep)
+        if about := self._about:
+            task = environment.task
+            about["returns"].append(buffer.reward + (about["returns"] or [0.0])[-1])
+            about["rewards"].append(buffer.reward)
+            if completions := task.episode_completions:
+                about["tasks"] = [*completions.steps_by_task.items()]
+            for name, value in task.episode_metrics.items():
+                if not isinstance(value, dict):
+                    about["metrics"].setdefault(name, []).append(value)
             if buffer.has_ended:
-                self.end_episode()
+                self._end_episode(recorder)
 
-    def _begin(self, buffer: EpisodeBuffer, environment: Environment) -> None:
-        physics = environment.physics
-        self._recorder.start(physics, cameras.find_camera(physics, self._camera))
-        self._about = {
-            "name": buffer.name or f"episode {len(self.page)}",
-            "instruction": environment.task.instruction,
-            "timestep": environment.control_timestep(),
-            "rewards": [],
-            "returns": [],
-            "tasks": [],
-            "metrics": {},
-        }
-
-    def end_episode(self) -> None:
-        about, self._about = self._about, None
+    def _end_episode(self, recorder: SceneRecorder) -> None:
+        about, self._about = self._about, {}
         if about:
             # The end is shown for a second before the player begins again.
-            self.page.add(self._recorder.finish(1.0), about)
-
-
-def _add_progress(about: dict[str, Any], reward: float, task: SuiteTask) -> None:
-    """Adds the progress after a step: reward, return, tasks with the control steps of their completion, measures."""
-    about["returns"].append(reward + (about["returns"] or [0.0])[-1])
-    about["rewards"].append(reward)
-    if completions := task.episode_completions:
-        about["tasks"] = [*completions.steps_by_task.items()]
-    for name, value in task.episode_metrics.items():
-        if not isinstance(value, dict):
-            about["metrics"].setdefault(name, []).append(value)
+            self._page.add(recorder.finish(1.0), about)
 
 
 class Views:

@@ -17,8 +17,7 @@ from kitchen_suite import files
 _PATTERN = "checkpoint_*.pt"
 _NUM_KEPT = 3
 
-# A checkpoint ends with the SHA-256 of all before it, of this many bytes.
-_DIGEST_SIZE = 32
+_DIGEST_SIZE = 32  # A checkpoint ends with the SHA-256 of all before it, of this many bytes.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -60,7 +59,7 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
     with files.atomic_write(path) as partial, partial.open("wb") as file:
         file.write(contents.getbuffer())
         file.write(hashlib.sha256(contents.getbuffer()).digest())
-    for old in _paths(folder)[:-_NUM_KEPT]:
+    for old in sorted(folder.glob(_PATTERN))[:-_NUM_KEPT]:
         old.unlink()
     return path
 
@@ -71,7 +70,7 @@ def load_last(folder: Path, check: Callable[[Checkpoint], None] = lambda checkpo
     A message names each newer one that cannot be read, or for which `check` raises a ValueError; if none can be read,
     it raises a CheckpointError.
     """
-    paths = _paths(folder)
+    paths = sorted(folder.glob(_PATTERN))
     for path in reversed(paths):
         try:
             with files.reading(path, "a checkpoint"):
@@ -98,16 +97,8 @@ def _checked(contents: bytes) -> io.BytesIO:
     return io.BytesIO(state)
 
 
-def _paths(folder: Path) -> list[Path]:
-    """Returns the checkpoints in a folder, oldest first."""
-    return sorted(folder.glob(_PATTERN))
-
-
 def check_modules(states: Mapping[str, Any], modules: Mapping[str, Any]) -> None:
-    """Raises a ValueError unless state dicts have the keys, shapes and types of those of modules, by name.
-
-    Damaged state dicts may raise any other exception.
-    """
+    """Raises a ValueError, for damaged state dicts any error, unless keys, shapes and types are those of modules."""
     if states.keys() != modules.keys():
         raise ValueError(f"the modules must be {[*modules]}, got {[*states]}")
     for name, module in modules.items():

@@ -135,9 +135,7 @@ def load_recording(
     )
 
 
-def _pictures(
-    observations: Sequence[Mapping[str, Any]], task: SuiteTask, chosen: NDArray[np.bool_]
-) -> dict[str, NDArray[np.uint8]]:
+def _pictures(observations: Sequence[Any], task: SuiteTask, chosen: NDArray[np.bool_]) -> dict[str, NDArray[np.uint8]]:
     """Returns the pictures `(m, h, w, 3)` of each camera in the chosen steps of episodes."""
     found = {}
     for camera in (picture.camera for picture in task.pictures.pictures if picture.kind == "pixels"):
@@ -154,12 +152,8 @@ def _taught(arrays: Mapping[str, NDArray]) -> NDArray[np.bool_]:
 
 def _last_of_stretches(taught: Sequence[NDArray[np.bool_]]) -> NDArray[np.int64]:
     """Returns, for each true element of arrays, the number of the last one of its stretch among all true elements."""
-    lengths = [
-        len(stretch)
-        for each in taught
-        for stretch in np.split(each, np.flatnonzero(np.diff(each)) + 1)
-        if stretch.any()
-    ]
+    stretches = [part for each in taught for part in np.split(each, np.flatnonzero(np.diff(each)) + 1)]
+    lengths = [len(stretch) for stretch in stretches if stretch.any()]
     return np.repeat(np.cumsum(lengths) - 1, lengths)
 
 
@@ -217,10 +211,9 @@ def check_same(folder: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec,
         if one != other:
             one, other = _in_mode(recorded, name, one), _in_mode(wanted, name, other)
         if one != other:
-            raise ValueError(
-                f"{folder} was recorded with {name} {json.dumps(one)}, but this run has {json.dumps(other)}: "
-                f"{_REMEDIES.get(name, 'pass the same --task_kwargs to both commands')}"
-            )
+            remedy = _REMEDIES.get(name, "pass the same --task_kwargs to both commands")
+            found, wanted_now = json.dumps(one), json.dumps(other)
+            raise ValueError(f"{folder} was recorded with {name} {found}, but this run has {wanted_now}: {remedy}")
 
 
 def _title(spec: EnvironmentSpec) -> str:

@@ -20,8 +20,7 @@ class Recipe:
       cloning_hyperparameters: values that replace these where demonstrations are cloned first.
       options: arguments of the environments that policies are trained in from scratch, which those that they are
         evaluated in do not have; except for `max_episode_steps`, which both have.
-      settings: values that replace defaults of `TrainSettings`: of `num_steps`, `eval_interval`, `target_success` and
-        `patience`.
+      settings: values that replace `num_steps`, `eval_interval`, `target_success` and `patience` of `TrainSettings`.
     """
 
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -81,14 +80,12 @@ KITCHEN_RECIPE = Recipe(
     settings={"num_steps": 4_000_000, "eval_interval": 40_000, "target_success": 0.97, "patience": 1_000_000},
 )
 
-# Scale of joint offsets [rad] and the gripper logit.
-OFFSET_SCALE = (*(0.01,) * 7, 2.0)
+OFFSET_SCALE = (*(0.01,) * 7, 2.0)  # Scale of joint offsets [rad] and the gripper logit.
 
 # Drawers are open by a little in almost half of the episodes of training: exploration alone holds the handle of a
 # closed one, and does not pull.
-_AJAR_DRAWERS = {
-    f"cabinet/drawer_{drawer}": {"choice": (*[0.0] * 7, 0.02, 0.04, 0.06, 0.08, 0.08)} for drawer in ("top", "bottom")
-}
+_AJAR_DRAWER = {"choice": (*[0.0] * 7, 0.02, 0.04, 0.06, 0.08, 0.08)}
+_AJAR_DRAWERS = {f"cabinet/drawer_{drawer}": _AJAR_DRAWER for drawer in ("top", "bottom")}
 
 OPEN_CABINET_RECIPE = Recipe(
     # Averaged weights: from one update to the next, the success of the policy itself swings by several percent.
@@ -143,15 +140,13 @@ class Hyperparameters:
       value_scale: coefficient of the value loss.
       entropy_scale: entropy coefficient.
       gradient_norm: maximum norm of the gradient, which is clipped to it.
-      averaging: decay of the moving average of the policy's weights over updates, which is evaluated and exported; 0
-        for none.
+      averaging: decay of a moving average of the policy's weights over updates, which is evaluated and exported, or 0.
       reward_scale: factor of the rewards.
       clone_epochs: passes over the demonstrations in behaviour cloning.
       value_batches: batches after cloning that train the value network alone (value warm-up).
       exploration: initial standard deviation of the actions, in units of `action_scale`.
       noise_correlation: correlation of the exploration noise of successive control steps, in [0, 1).
-      standardisation_epsilon: added to the standard deviations that observations are divided by, in units of the
-        observations; positive.
+      standardisation_epsilon: added to the standard deviations that divide observations, in units of these; positive.
       action_scale: action for network outputs of one; without any, half the range of the action's elements, or 0.01 rad
         and a gripper logit of 2 in `joint_offset`.
     """
@@ -204,10 +199,8 @@ class Hyperparameters:
         """Returns the defaults of a domain, as of `defaults`, with some values changed; see `checked_changes`."""
         config = checked_changes(cls.defaults(domain_name, cloning=cloning), changes)
         if config.batch_size % config.mini_batches:
-            raise ValueError(
-                f"mini_batches {config.mini_batches} must divide the {config.batch_size} steps of a batch "
-                "(num_envs * rollouts)"
-            )
+            steps = f"{config.batch_size} steps of a batch (num_envs * rollouts)"
+            raise ValueError(f"mini_batches {config.mini_batches} must divide the {steps}")
         if config.noise_correlation >= 1:
             raise ValueError(f"noise_correlation must be below 1, got {config.noise_correlation}")
         return config
@@ -241,8 +234,8 @@ def _check(name: str, value: Any, kind: Any) -> None:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ImitationHyperparameters:
-    """Hyperparameters of all algorithms of imitation.
+class ChunkHyperparameters:
+    """Hyperparameters of all algorithms that learn chunks of actions from recordings.
 
     Networks are residual: blocks with normalisation and SiLU units.
 
@@ -251,16 +244,10 @@ class ImitationHyperparameters:
       blocks: number of blocks.
       chunk: number of actions that are predicted at once.
       executed: number of these that are applied before the next prediction.
-      batch_size: samples of a step of the optimiser.
-      learning_rate: of the optimiser (AdamW) at first; it falls to 0 like half a cosine.
-      weight_decay: of the optimiser.
-      averaging: decay of the moving average of the weights, which is evaluated and exported.
-      input_noise: standard deviation of normal noise on the inputs in training, in units of their standard deviations.
-      standardisation_epsilon: added to the standard deviations that inputs are divided by, in units of the inputs;
-        positive.
-      features: number of features of each camera's picture; from pictures alone, as `shift` and `tint`.
-      shift: greatest displacement of pictures in training [pixels].
-      tint: greatest change of contrast, and twice that of brightness, of each colour of pictures in training.
+      batch_size: control steps of a step of the optimiser.
+      learning_rate: of the optimiser (AdamW in imitation, Adam offline) at first; it falls to 0 like half a cosine.
+      averaging: decay of the moving average of the policy's weights, which is evaluated and exported.
+      standardisation_epsilon: added to the standard deviations that divide inputs, in units of these; positive.
     """
 
     width: int = 384
@@ -269,10 +256,24 @@ class ImitationHyperparameters:
     executed: int = 1
     batch_size: int = 512
     learning_rate: float = 1e-3
-    weight_decay: float = 1e-4
     averaging: float = 0.999
-    input_noise: float = 0.0
     standardisation_epsilon: float = 0.01
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ImitationHyperparameters(ChunkHyperparameters):
+    """Hyperparameters of all algorithms of imitation.
+
+    Attributes:
+      weight_decay: of the optimiser.
+      input_noise: standard deviation of normal noise on the inputs in training, in units of their standard deviations.
+      features: number of features of each camera's picture; from pictures alone, as `shift` and `tint`.
+      shift: greatest displacement of pictures in training [pixels].
+      tint: greatest change of contrast, and twice that of brightness, of each colour of pictures in training.
+    """
+
+    weight_decay: float = 1e-4
+    input_noise: float = 0.0
     features: int = 128
     shift: int = 1
     tint: float = 0.2
@@ -310,33 +311,19 @@ class TokenHyperparameters(ImitationHyperparameters):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class OfflineHyperparameters:
-    """Hyperparameters of all algorithms of offline reinforcement learning; networks are those of imitation.
+class OfflineHyperparameters(ChunkHyperparameters):
+    """Hyperparameters of all algorithms of offline reinforcement learning.
 
     Attributes:
-      width: values between the blocks.
-      blocks: number of blocks.
-      chunk: number of actions that are predicted at once.
-      executed: number of these that are applied before the next prediction.
       n_step: control steps of an n-step return, before the value of the state after them.
-      batch_size: control steps of a step of the optimiser.
-      learning_rate: of the optimiser (Adam) at first; it falls to 0 like half a cosine.
-      averaging: decay of the moving average of the policy's weights, which is evaluated and exported.
       discount: discount factor; of goals also that with which later states are drawn.
-      standardisation_epsilon: added to the standard deviations that inputs are divided by, in units of the inputs;
-        positive.
     """
 
     width: int = 256
     blocks: int = 2
-    chunk: int = 8
-    executed: int = 1
-    n_step: int = 1
     batch_size: int = 256
-    learning_rate: float = 1e-3
-    averaging: float = 0.999
+    n_step: int = 1
     discount: float = 0.99
-    standardisation_epsilon: float = 0.01
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -392,8 +379,7 @@ class TD3BCHyperparameters(ValueHyperparameters):
     """Hyperparameters of TD3+BC.
 
     Attributes:
-      bc_weight: factor of the squared distance from the actions of the data, beside values divided by their mean
-        magnitude.
+      bc_weight: factor of the squared distance from recorded actions, beside values divided by their mean magnitude.
       target_noise: standard deviation of the noise on the actions of the targets, standardised.
       noise_clip: greatest magnitude of this noise.
     """

@@ -17,11 +17,8 @@ from kitchen_suite.training.hyperparameters import FlowHyperparameters, Imitatio
 # Encoder and decoder of chunks are small beside the network that predicts codes.
 _CODER_WIDTH, _CODER_BLOCKS = 128, 1
 
-# Decay of the exponential moving averages of code vectors.
-_CODE_DECAY = 0.99
-
-# Factor of the distance of encoded chunks from their codes.
-_COMMITMENT = 0.25
+_CODE_DECAY = 0.99  # Decay of the exponential moving averages of code vectors.
+_COMMITMENT = 0.25  # Factor of the distance of encoded chunks from their codes.
 
 
 class TorchBlock(torch.nn.Module):
@@ -91,14 +88,11 @@ class TorchEncoder(torch.nn.Module):
 
 def augmented(pictures: torch.Tensor, config: ImitationHyperparameters) -> torch.Tensor:
     """Returns pictures `(b, h, w, 3)`, uint8, displaced and tinted at random, as float32 in [0, 1]."""
-    count, height, width, _ = pictures.shape
-    shift = config.shift
+    (count, h, w, _), shift = pictures.shape, config.shift
     # Beyond the edge a picture goes on as at the edge. Slices of a wider copy take a fraction of the time of indices.
     wider = np.pad(pictures.numpy(), ((0, 0), (shift, shift), (shift, shift), (0, 0)), mode="edge")
     places = torch.randint(0, 2 * shift + 1, (count, 2)).tolist()
-    moved = np.stack(
-        [each[row : row + height, column : column + width] for each, (row, column) in zip(wider, places, strict=True)]
-    )
+    moved = np.stack([each[top : top + h, left : left + w] for each, (top, left) in zip(wider, places, strict=True)])
     gain, offset = (config.tint * (2 * torch.rand(count, 1, 1, 3) - 1) for _ in range(2))
     # (value - 0.5) (1 + gain) + 0.5 + offset / 2, of values in [0, 1].
     return torch.from_numpy(moved).float().div_(255).mul_(1 + gain).add_((offset - gain) / 2).clamp_(0, 1)
@@ -110,16 +104,40 @@ class Method(torch.nn.Module, abc.ABC):
     Attributes:
       title: name of the algorithm.
       policy_class: class of the policies that it exports.
-      hyperparameters: class of its hyperparameters.
-      network: that predicts from inputs.
-      encoders: of the pictures of each camera, whose features are the last inputs; set by the learner where it sees.
+      hyperparameters: class of its hyperparameters, a `ChunkHyperparameters`.
+      network: that acts, from inputs `(b, m)` to chunks of actions `(b, n)` or to numbers that determine them.
     """
 
     title: ClassVar[str]
-    policy_class: ClassVar[type[ImitatedPolicy]]
-    hyperparameters: ClassVar[type[ImitationHyperparameters]]
+    policy_class: ClassVar[type[ImitatedPolicy]] = ClonedPolicy
+    hyperparameters: ClassVar[type[Any]]
 
-    network: TorchNetwork
+    def __init__(self, inputs: int, outputs: int, config: Any) -> None:
+        """Builds the networks for `inputs` and `outputs` values."""
+        super().__init__()
+        self.config = config
+        self.network = self._make_network(inputs, outputs)
+
+    def _make_network(self, inputs: int, outputs: int) -> TorchNetwork:
+        return TorchNetwork(inputs, outputs, width=self.config.width, blocks=self.config.blocks)
+
+    def update_targets(self) -> None:
+        """Moves target networks, if it has some, towards those that learn, after a step of the optimiser."""
+
+    def settings(self) -> dict[str, Any]:
+        """Returns the metadata that only policies of this algorithm have."""
+        return {}
+
+
+class ImitationMethod(Method):
+    """A method of imitation.
+
+    Attributes:
+      encoders: of the pictures of each camera, whose features are the last inputs; set by the learner where it sees.
+    """
+
+    hyperparameters = ImitationHyperparameters
+
     encoders: torch.nn.ModuleList
 
     def see(self, inputs: torch.Tensor, pictures: Sequence[torch.Tensor]) -> torch.Tensor:
@@ -137,40 +155,25 @@ class Method(torch.nn.Module, abc.ABC):
         """Returns the policy's arrays beside those of networks."""
         return {}
 
-    def settings(self) -> dict[str, Any]:
-        """Returns the metadata that only policies of this algorithm have."""
-        return {}
 
-
-class Cloning(Method):
+class Cloning(ImitationMethod):
     """Behaviour cloning: the mean absolute error of chunks."""
 
     title = "Behaviour cloning"
-    policy_class = ClonedPolicy
-    hyperparameters = ImitationHyperparameters
-
-    def __init__(self, inputs: int, outputs: int, config: ImitationHyperparameters) -> None:
-        """Builds the network for `inputs` and `outputs` values."""
-        super().__init__()
-        self.network = TorchNetwork(inputs, outputs, width=config.width, blocks=config.blocks)
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
         return torch.nn.functional.l1_loss(self.network(inputs), chunks)
 
 
-class Flow(Method):
+class Flow(ImitationMethod):
     """Flow matching: the velocity of straight lines from noise to chunks, at times drawn from U(0, 1)."""
 
     title = "Flow matching"
     policy_class = FlowPolicy
     hyperparameters = FlowHyperparameters
 
-    def __init__(self, inputs: int, outputs: int, config: FlowHyperparameters) -> None:
-        """Builds the network for `inputs` and `outputs` values."""
-        super().__init__()
-        size = inputs + outputs + len(time_features(0.0))
-        self.network = TorchNetwork(size, outputs, width=config.width, blocks=config.blocks)
-        self._flow_steps = config.flow_steps
+    def _make_network(self, inputs: int, outputs: int) -> TorchNetwork:
+        return super()._make_network(inputs + outputs + len(time_features(0.0)), outputs)
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
         noise, time = torch.randn_like(chunks), torch.rand(len(chunks), 1)
@@ -180,37 +183,27 @@ class Flow(Method):
         return torch.nn.functional.mse_loss(velocity, chunks - noise)
 
     def settings(self) -> dict[str, Any]:
-        return {"flow_steps": self._flow_steps}
+        return {"flow_steps": self.config.flow_steps}
 
 
-class Tokens(Method):
+class Tokens(ImitationMethod):
     """VQ-BeT: first an autoencoder of chunks with residual codes, then a classifier of codes with offsets of chunks."""
 
     title = "VQ-BeT"
     policy_class = TokenPolicy
     hyperparameters = TokenHyperparameters
 
-    def __init__(self, inputs: int, outputs: int, config: TokenHyperparameters) -> None:
-        """Builds the networks for `inputs` and `outputs` values."""
-        super().__init__()
-        self._config, self._outputs = config, outputs
-        coder = {"width": _CODER_WIDTH, "blocks": _CODER_BLOCKS}
+    def _make_network(self, inputs: int, outputs: int) -> TorchNetwork:
+        config, coder = self.config, {"width": _CODER_WIDTH, "blocks": _CODER_BLOCKS}
         self.encoder = TorchNetwork(outputs, config.latent, **coder)
         self.decoder = TorchNetwork(config.latent, outputs, **coder)
-        self.quantizer = ResidualVQ(
-            dim=config.latent,
-            num_quantizers=config.codebooks,
-            codebook_size=config.codes,
-            kmeans_init=True,
-            decay=_CODE_DECAY,
-            commitment_weight=_COMMITMENT,
-            threshold_ema_dead_code=2,
-        )
-        size = config.codebooks * config.codes * (1 + outputs)
-        self.network = TorchNetwork(inputs, size, width=config.width, blocks=config.blocks)
+        sizes = {"dim": config.latent, "num_quantizers": config.codebooks, "codebook_size": config.codes}
+        fitting = {"decay": _CODE_DECAY, "commitment_weight": _COMMITMENT, "threshold_ema_dead_code": 2}
+        self.quantizer = ResidualVQ(**sizes, **fitting, kmeans_init=True)
+        return super()._make_network(inputs, config.codebooks * config.codes * (1 + outputs))
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
-        config = self._config
+        config, size = self.config, chunks.shape[1]
         if step < config.quantizer_steps:
             self.quantizer.train()
             latent, _, commitment = self.quantizer(self.encoder(chunks))
@@ -220,11 +213,11 @@ class Tokens(Method):
             latent, codes, _ = self.quantizer(self.encoder(chunks))
             decoded = self.decoder(latent)
         count = config.codebooks * config.codes
-        logits, offsets = self.network(inputs).split([count, count * self._outputs], dim=1)
+        logits, offsets = self.network(inputs).split([count, count * size], dim=1)
         logits = logits.reshape(-1, config.codebooks, config.codes)
         likelihood = torch.nn.functional.cross_entropy(logits.flatten(0, 1), codes.flatten())
-        offsets = offsets.reshape(-1, config.codebooks, config.codes, self._outputs)
-        chosen = offsets.gather(2, codes[..., None, None].expand(-1, -1, 1, self._outputs)).sum(dim=(1, 2))
+        offsets = offsets.reshape(-1, config.codebooks, config.codes, size)
+        chosen = offsets.gather(2, codes[..., None, None].expand(-1, -1, 1, size)).sum(dim=(1, 2))
         return likelihood + config.offset_scale * torch.nn.functional.l1_loss(decoded + chosen, chunks)
 
     def tables(self) -> dict[str, NDArray[np.float32]]:

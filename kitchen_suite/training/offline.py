@@ -8,7 +8,7 @@ from typing import Any, ClassVar, cast
 
 import torch
 
-from kitchen_suite.policies.imitated import ClonedPolicy, ImitatedPolicy, RankedPolicy
+from kitchen_suite.policies.imitated import RankedPolicy
 from kitchen_suite.training.hyperparameters import (
     IDQLHyperparameters,
     IQLHyperparameters,
@@ -16,42 +16,22 @@ from kitchen_suite.training.hyperparameters import (
     TD3BCHyperparameters,
     ValueHyperparameters,
 )
-from kitchen_suite.training.imitation import Flow, TorchNetwork
+from kitchen_suite.training.imitation import Flow, Method, TorchNetwork
 from kitchen_suite.training.transitions import Batch
 
-# Greatest weight of an action in the policy's loss of IQL.
-_MAX_WEIGHT = 100.0
-
-# Control steps of TD3 between updates of the policy.
-_POLICY_DELAY = 2
+_MAX_WEIGHT = 100.0  # Greatest weight of an action in the policy's loss of IQL.
+_POLICY_DELAY = 2  # Control steps of TD3 between updates of the policy.
 
 
-class OfflineMethod(torch.nn.Module, abc.ABC):
-    """Networks of an algorithm, and its loss.
+class OfflineMethod(Method):
+    """A method of offline reinforcement learning.
 
     Attributes:
-      title: name of the algorithm.
-      hyperparameters: class of its hyperparameters.
-      policy_class: class of the policies that it exports.
       reaches_goals: whether it learns to reach goals, rather than from recorded rewards.
-      policy: the network that acts, from inputs `(b, n)` to chunks of actions `(b, c k)`.
     """
 
-    title: ClassVar[str]
-    hyperparameters: ClassVar[type[OfflineHyperparameters]]
-    policy_class: ClassVar[type[ImitatedPolicy]] = ClonedPolicy
+    hyperparameters = OfflineHyperparameters
     reaches_goals: ClassVar[bool] = False
-
-    policy: TorchNetwork
-
-    def __init__(self, inputs: int, actions: int, config: Any) -> None:
-        """Builds the networks for `inputs` and `actions` values."""
-        super().__init__()
-        self.config = config
-        self.policy = self._make_policy(inputs, actions)
-
-    def _make_policy(self, inputs: int, actions: int) -> TorchNetwork:
-        return TorchNetwork(inputs, actions, width=self.config.width, blocks=self.config.blocks)
 
     @abc.abstractmethod
     def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
@@ -60,15 +40,8 @@ class OfflineMethod(torch.nn.Module, abc.ABC):
         Values learn from `batch`, the policy from `policy_batch`: the same, but for the goals where there are any.
         """
 
-    def update_targets(self) -> None:
-        """Moves target networks towards those that learn, after a step of the optimiser."""
-
     def further_networks(self) -> dict[str, TorchNetwork]:
-        """Returns the policy's networks beside `policy`, by name."""
-        return {}
-
-    def settings(self) -> dict[str, Any]:
-        """Returns the metadata that only policies of this algorithm have."""
+        """Returns the policy's networks beside `network`, by name."""
         return {}
 
 
@@ -76,10 +49,9 @@ class Cloning(OfflineMethod):
     """Behaviour cloning of all recorded actions, those of failed episodes included."""
 
     title = "Behaviour cloning of all episodes"
-    hyperparameters = OfflineHyperparameters
 
     def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
-        return torch.nn.functional.l1_loss(self.policy(policy_batch.inputs), policy_batch.chunks)
+        return torch.nn.functional.l1_loss(self.network(policy_batch.inputs), policy_batch.chunks)
 
 
 class Value(torch.nn.Module):
@@ -169,7 +141,7 @@ class IQL(ImplicitQ):
     def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
         with torch.no_grad():
             weights = (self.config.temperature * self._advantages(policy_batch)).exp().clamp(max=_MAX_WEIGHT)
-        errors = (self.policy(policy_batch.inputs) - policy_batch.chunks).abs().mean(dim=1)
+        errors = (self.network(policy_batch.inputs) - policy_batch.chunks).abs().mean(dim=1)
         return self._value_loss(batch) + (weights * errors).mean()
 
 
@@ -183,8 +155,8 @@ class IDQL(ImplicitQ):
     hyperparameters = IDQLHyperparameters
     policy_class = RankedPolicy
 
-    def _make_policy(self, inputs: int, actions: int) -> TorchNetwork:
-        self.flow = Flow(inputs, actions, self.config)
+    def _make_network(self, inputs: int, outputs: int) -> TorchNetwork:
+        self.flow = Flow(inputs, outputs, self.config)
         return self.flow.network
 
     def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
@@ -210,7 +182,7 @@ class TD3BC(OfflineMethod):
     def __init__(self, inputs: int, actions: int, config: TD3BCHyperparameters) -> None:
         super().__init__(inputs, actions, config)
         self.critics = Critics(inputs, actions, config)
-        self.policy_target = copy.deepcopy(self.policy).requires_grad_(False)
+        self.policy_target = copy.deepcopy(self.network).requires_grad_(False)
 
     def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
         config = self.config
@@ -222,7 +194,7 @@ class TD3BC(OfflineMethod):
         return loss if step % _POLICY_DELAY else loss + self._policy_loss(policy_batch)
 
     def _policy_loss(self, policy_batch: Batch) -> torch.Tensor:
-        chosen = self.policy(policy_batch.inputs)
+        chosen = self.network(policy_batch.inputs)
         first = self.critics.networks[0]
         # The policy's loss trains the policy alone.
         frozen = {name: parameter.detach() for name, parameter in first.named_parameters()}
@@ -234,7 +206,7 @@ class TD3BC(OfflineMethod):
 
     def update_targets(self) -> None:
         self.critics.update_targets()
-        _move(self.policy_target, self.policy, self.config.target_rate)
+        _move(self.policy_target, self.network, self.config.target_rate)
 
 
 class GoalCloning(Cloning):

@@ -18,8 +18,7 @@ from kitchen_suite.training.hyperparameters import Hyperparameters
 # Bounds of adapted learning rates, the factor of an adaptation, and how far beyond the target the divergence must be.
 _LEARNING_RATES, _RATE_FACTOR, _TOLERANCE = (1e-6, 1e-2), 1.5, 2.0
 
-# Added to the standard deviations of advantages and of returns.
-_EPSILON = 1e-8
+_EPSILON = 1e-8  # Added to the standard deviations of advantages and of returns.
 
 # Metrics of a step of the optimiser, in order.
 _STEP_METRICS = ("loss/policy loss", "loss/value loss", "loss/entropy loss", "learning/divergence")
@@ -128,6 +127,8 @@ class Batch:
       actions: `(t, n, k)`, in units of the policy's scale.
       rewards: `(t, n)`, scaled.
       ended: `(t, n)`, whether a step ended an episode.
+      truncated: `(t, n)`, whether a step truncated one.
+      last_observations: `(t, n, m)`, of the episodes that steps truncated; of other steps they have no meaning.
       next_observations: `(n, m)`, after the last step.
     """
 
@@ -136,23 +137,9 @@ class Batch:
         self.observations = torch.empty(steps, count, observation_size)
         self.actions = torch.empty(steps, count, action_size)
         self.rewards = torch.empty(steps, count)
-        self.ended = torch.empty(steps, count, dtype=torch.bool)
+        self.ended, self.truncated = torch.zeros(2, steps, count, dtype=torch.bool)
+        self.last_observations = torch.empty_like(self.observations)
         self.next_observations = torch.empty(count, observation_size)
-        self._truncated: list[tuple[int, int, torch.Tensor]] = []
-
-    def clear(self) -> None:
-        """Forgets the truncated episodes of the last batch; everything else is overwritten."""
-        self._truncated = []
-
-    def add_truncated(self, step: int, i: int, observation: torch.Tensor) -> None:
-        """Adds the last observation `(m,)` of an episode of environment `i` that a step truncated."""
-        self._truncated.append((step, i, observation))
-
-    def last_observations(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Returns steps `(k,)`, environments `(k,)` and last observations `(k, m)` of the truncated episodes."""
-        steps, indices, observations = zip(*self._truncated, strict=True) if self._truncated else ((), (), ())
-        stacked = torch.stack(observations) if observations else self.observations[:0, 0]
-        return torch.tensor(steps, dtype=torch.long), torch.tensor(indices, dtype=torch.long), stacked
 
 
 def advantages(
@@ -270,9 +257,8 @@ class Agent:
         observations = self.observation_scaler(torch.cat([batch.observations, batch.next_observations[None]]))
         outputs = self.value(observations)
         values = self.value_scaler.inverse(outputs).squeeze(-1)
-        estimates = advantages(
-            self._bootstrapped(batch), values, batch.ended, discount=config.discount, gae_lambda=config.gae_lambda
-        )
+        rewards = self._bootstrapped(batch)
+        estimates = advantages(rewards, values, batch.ended, discount=config.discount, gae_lambda=config.gae_lambda)
         returns = (estimates + values[:-1]).reshape(-1, 1)
         self.value_scaler.update(returns)
         return Samples(
@@ -286,10 +272,9 @@ class Agent:
 
     def _bootstrapped(self, batch: Batch) -> torch.Tensor:
         """Returns the rewards `(t, n)`; with the discounted value of the last observation where a step truncated."""
-        steps, indices, last = batch.last_observations()
-        rewards = batch.rewards.clone()
+        last, rewards = batch.last_observations[batch.truncated], batch.rewards.clone()
         following = self.value_scaler.inverse(self.value(self.observation_scaler(last))).squeeze(-1)
-        rewards[steps, indices] += self._config.discount * following
+        rewards[batch.truncated] += self._config.discount * following
         return rewards
 
     def _step(self, samples: Samples) -> torch.Tensor:

@@ -18,21 +18,18 @@ from kitchen_suite.policies.imitated import ImitatedPolicy
 from kitchen_suite.policies.networks import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.rollouts.rollout import Controller, PolicyController
-from kitchen_suite.rollouts.spec import EnvironmentSpec, SeededPolicies
+from kitchen_suite.rollouts.spec import EnvironmentSpec, seeded_policies
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.demonstrations import Demonstrations, load_demonstrations
 from kitchen_suite.training.hyperparameters import ImitationHyperparameters, OfflineHyperparameters, checked_changes
-from kitchen_suite.training.imitation import METHODS, Method, TorchEncoder, TorchNetwork, augmented
+from kitchen_suite.training.imitation import METHODS, ImitationMethod, TorchEncoder, TorchNetwork, augmented
 from kitchen_suite.training.learner import DivergedError, Learner, Training
 from kitchen_suite.training.offline import OFFLINE_METHODS, OfflineMethod
 from kitchen_suite.training.transitions import GoalSampler, Sampler, Transitions, load_transitions
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Steps of the optimiser between points of the curves.
-_STEPS = 100
-
-# Added to the standard deviations of actions.
-_ACTION_EPSILON = 1e-3
+_STEPS = 100  # Steps of the optimiser between points of the curves.
+_ACTION_EPSILON = 1e-3  # Added to the standard deviations of actions.
 
 
 class RecordingLearner(Learner):
@@ -55,9 +52,8 @@ class RecordingLearner(Learner):
         return {"method": self._method, "average": self._average, "optimizer": self._optimizer}
 
     def learn(self) -> dict[str, float]:
-        started, losses = time.perf_counter(), []
-        for _ in range(min(_STEPS, self._num_steps - self.steps)):
-            losses.append(self._step())
+        started = time.perf_counter()
+        losses = [self._step() for _ in range(min(_STEPS, self._num_steps - self.steps))]
         seconds = time.perf_counter() - started
         return {self._loss_name: float(np.mean(losses)), "time/update_milliseconds": 1000 * seconds / len(losses)}
 
@@ -69,17 +65,14 @@ class RecordingLearner(Learner):
         self._optimizer.zero_grad()
         loss.backward()
         self._optimizer.step()
-        self._update_average()
+        self._method.update_targets()
+        self._average.update_parameters(self._learning)
         self.steps += 1
         return loss.item()
 
     @abc.abstractmethod
     def _draw_loss(self) -> torch.Tensor:
         """Returns the loss `()` of a batch that it draws."""
-
-    def _update_average(self) -> None:
-        """Adds the weights to their average, after a step of the optimiser."""
-        self._average.update_parameters(self._learning)
 
     def _export(self, metadata: Mapping[str, Any], networks: Mapping[str, TorchNetwork], **parts: Any) -> Any:
         """Returns a policy of networks, with further parts."""
@@ -93,9 +86,8 @@ class RecordingLearner(Learner):
         )
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
-        return PolicyController(
-            environments, SeededPolicies(lambda environment, generator: policy.episode(environment.task, generator))
-        )
+        episodes = seeded_policies(lambda environment, generator: policy.episode(environment.task, generator))
+        return PolicyController(environments, episodes)
 
 
 class ImitationLearner(RecordingLearner):
@@ -106,7 +98,7 @@ class ImitationLearner(RecordingLearner):
     def __init__(
         self,
         demonstrations: Demonstrations,
-        method: type[Method],
+        method: type[ImitationMethod],
         config: ImitationHyperparameters,
         *,
         num_steps: int,
@@ -116,8 +108,7 @@ class ImitationLearner(RecordingLearner):
     ) -> None:
         """Builds the networks of the class of a method; the seed is also that of the batches.
 
-        The learning rate falls over `num_steps` steps of the optimiser. Requests of `tasks` are inputs; `extras` is the
-        metadata of the policy on extra observables.
+        The learning rate falls over `num_steps` steps. Requests of `tasks` are inputs; `extras` is as of `_extras`.
         """
         torch.manual_seed(seed)
         self._scales = scales = _scales_of(demonstrations, config.standardisation_epsilon)
@@ -132,18 +123,16 @@ class ImitationLearner(RecordingLearner):
         built = method(own_size + config.features * len(self._pictures), config.chunk * self._actions.shape[1], config)
         if self._pictures:
             shapes = [each.shape for each in self._pictures.values()]
-            built.encoders = torch.nn.ModuleList(
-                TorchEncoder(height, width, config.features) for _, height, width, _ in shapes
-            )
+            built.encoders = torch.nn.ModuleList(TorchEncoder(h, w, config.features) for _, h, w, _ in shapes)
             self._metadata |= {"cameras": [*self._pictures], "image_size": [*shapes[0][1:3]]}
         self._metadata |= extras
         optimizer = torch.optim.AdamW(built.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
         super().__init__(built, built, optimizer, config, num_steps)
 
     @property
-    def averaged(self) -> Method:
+    def averaged(self) -> ImitationMethod:
         """The networks with the averaged weights, which act."""
-        return cast(Method, self._average.module)
+        return cast(ImitationMethod, self._average.module)
 
     def _draw_loss(self) -> torch.Tensor:
         indices = torch.randint(len(self._inputs), (self._config.batch_size,))
@@ -192,14 +181,13 @@ class OfflineLearner(RecordingLearner):
         self._sampler = GoalSampler(*recorded, elements=goal_elements) if goal_elements else Sampler(*recorded)
         # Goals are standardised as the elements of the state that they have.
         elements = [*range(inputs.shape[1]), *goal_elements]
-        self._scales = dataclasses.replace(
-            scales, input_mean=scales.input_mean[elements], input_deviation=scales.input_deviation[elements]
-        )
+        mean, deviation = scales.input_mean[elements], scales.input_deviation[elements]
+        self._scales = scales._replace(input_mean=mean, input_deviation=deviation)
         built = method(len(elements), config.chunk * actions.shape[1], config)
         self._metadata = {"method": built.title, **metadata}
         learning: Iterable[torch.nn.Parameter] = (each for each in built.parameters() if each.requires_grad)
         optimizer = torch.optim.Adam(learning, lr=config.learning_rate, fused=True)
-        super().__init__(built, built.policy, optimizer, config, num_steps)
+        super().__init__(built, built.network, optimizer, config, num_steps)
 
     def learn(self) -> dict[str, float]:
         metrics = super().learn()
@@ -210,10 +198,6 @@ class OfflineLearner(RecordingLearner):
     def _draw_loss(self) -> torch.Tensor:
         return self._method.loss(*self._sampler.draw(), self.steps)
 
-    def _update_average(self) -> None:
-        self._method.update_targets()
-        super()._update_average()
-
     def export(self, metadata: Mapping[str, Any]) -> ImitatedPolicy:
         networks = {"network": cast(TorchNetwork, self._average.module), **self._method.further_networks()}
         return self._export(metadata, networks)
@@ -222,13 +206,9 @@ class OfflineLearner(RecordingLearner):
 def _scales_of(recorded: Demonstrations | Transitions, epsilon: float) -> Scales:
     """Returns the standardisation of recorded inputs and actions; `epsilon` is added to deviations of inputs."""
     inputs, actions = recorded.inputs.astype(np.float64), recorded.actions.astype(np.float64)
-    parts = {
-        "input_mean": inputs.mean(axis=0),
-        "input_deviation": inputs.std(axis=0) + epsilon,
-        "action_mean": actions.mean(axis=0),
-        "action_deviation": actions.std(axis=0) + _ACTION_EPSILON,
-    }
-    return Scales(**{name: part.astype(np.float32) for name, part in parts.items()})
+    of_inputs = inputs.mean(axis=0), inputs.std(axis=0) + epsilon
+    of_actions = actions.mean(axis=0), actions.std(axis=0) + _ACTION_EPSILON
+    return Scales(*(part.astype(np.float32) for part in (*of_inputs, *of_actions)))
 
 
 class RecordingTraining(Training):
@@ -240,9 +220,7 @@ class RecordingTraining(Training):
     def __init__(self, settings: TrainSettings, spec: EnvironmentSpec, method: Any) -> None:
         """Checks the settings; `spec` is that of the environments that are evaluated in, `method` a class."""
         if not settings.demonstrations:
-            raise ValueError(
-                f"algorithm {settings.algorithm!r} needs --demonstrations, a folder written by kitchen-record"
-            )
+            raise ValueError(f"algorithm {settings.algorithm!r} needs --demonstrations, a folder of kitchen-record")
         for flag in ("initial_policy", "training_kwargs"):
             if getattr(settings, flag):
                 raise ValueError(f"--{flag} is for the algorithm 'ppo', not for {settings.algorithm!r}")
@@ -282,16 +260,13 @@ class OfflineTraining(RecordingTraining):
         super().__init__(settings, spec, OFFLINE_METHODS[settings.algorithm])
         reaches, inputs = self._method.reaches_goals, self._inputs
         if reaches and inputs.goal_place is None:
-            raise ValueError(
-                f"algorithm {settings.algorithm!r} needs a task that observes goal states: "
-                "--task_kwargs='{\"goal_states\": 1}' in the kitchen"
-            )
+            flag = "--task_kwargs='{\"goal_states\": 1}' in the kitchen"
+            raise ValueError(f"algorithm {settings.algorithm!r} needs a task that observes goal states: {flag}")
         # Goals stand for requests, which most recordings do not have.
         tasks = () if reaches else self._tasks
         elements = inputs.goal_elements if reaches else ()
-        found = load_transitions(
-            settings.demonstrations, spec, tasks, settings.num_demonstrations, with_rewards=not reaches
-        )
+        folders, counts = settings.demonstrations, settings.num_demonstrations
+        found = load_transitions(folders, spec, tasks, counts, with_rewards=not reaches)
         goals = {"goal_size": len(elements)} if reaches else {}
         metadata = {"state_size": inputs.state_size, "tasks": [*tasks], **goals, **self._extras}
         options: dict[str, Any] = {"num_steps": self._num_steps, "goal_elements": elements, "metadata": metadata}

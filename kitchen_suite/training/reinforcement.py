@@ -28,11 +28,8 @@ from kitchen_suite.training.learner import DivergedError, Learner, Training, epi
 from kitchen_suite.training.ppo import Actor, Agent, Batch, adopt_policy, export_policy
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Weight of a task that always succeeds; that of one that never does is greater by 1.
-_LEAST_WEIGHT = 0.05
-
-# Number of episodes of a task over which its success is averaged.
-_MEMORY = 50
+_LEAST_WEIGHT = 0.05  # Weight of a task that always succeeds; that of one that never does is greater by 1.
+_MEMORY = 50  # Number of episodes of a task over which its success is averaged.
 
 # Bound of cloned actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
 # squared error of a few large actions would dominate the loss.
@@ -67,13 +64,7 @@ class TaskBalance:
         return {f"episode/success/{name}": done.astype(np.float64) for name, done in each.items() if done.size}
 
 
-def clone(
-    agent: Agent,
-    observations: NDArray[np.float32],
-    actions: NDArray[np.float32],
-    epochs: int,
-    report: Callable[[float], None] = lambda loss: None,
-) -> None:
+def clone(agent: Agent, observations: NDArray, actions: NDArray, epochs: int, report: Callable[[float], None]) -> None:
     """Fits the mean of a new agent's policy to observations `(m, n)` and actions `(m, k)`, by least squares.
 
     The demonstrations also fix the standardisation of observations. After each pass over them, `report` is called with
@@ -132,9 +123,8 @@ class PPOLearner(Learner):
         assert isinstance(action_space, spaces.Box)
         size = spaces.flatdim(environments.single_observation_space)
         self.agent = Agent(size, action_space, config)
-        self.batch, self._next_batch = (
-            Batch(config.rollouts, config.num_envs, size, len(config.action_scale)) for _ in range(2)
-        )
+        sizes = config.rollouts, config.num_envs, size, len(config.action_scale)
+        self.batch, self._next_batch = Batch(*sizes), Batch(*sizes)
         # Metrics of the batch that is learned from next; None before the first one.
         self._collected: dict[str, float] | None = None
         self._updates = concurrent.futures.ThreadPoolExecutor(1)
@@ -147,26 +137,20 @@ class PPOLearner(Learner):
     def modules(self) -> Mapping[str, Any]:
         return self.agent.modules
 
-    def imitate(
-        self, observations: NDArray[np.float32], actions: NDArray[np.float32], report: Callable[[float], None]
-    ) -> None:
+    def imitate(self, observations: NDArray, actions: NDArray, report: Callable[[float], None]) -> None:
         """Clones demonstrations, as `clone`; the next `value_batches` batches then train the value network alone."""
         clone(self.agent, observations, actions, self._config.clone_epochs, report)
-        self._warm_up_values()
+        self._standardised, self.warmup_batches = True, self._config.value_batches
 
     def adopt(self, policy: TrainedPolicy) -> None:
         """Starts from a trained policy; the next `value_batches` batches train the value network alone."""
         adopt_policy(self.agent, policy)
-        self._warm_up_values()
-
-    def _warm_up_values(self) -> None:
         self._standardised, self.warmup_batches = True, self._config.value_batches
 
     def start(self, seed: int) -> None:
         """Starts episodes at evenly spread times, so that a batch has steps from all parts of an episode.
 
-        The environments have seeds from `seed` on. The observations made meanwhile fit the standardisation, unless
-        cloning or a checkpoint has set it.
+        Environments have seeds from `seed` on. Observations made meanwhile fit the standardisation, unless it is set.
         """
         self._collected, self._actor = None, Actor(self.agent, self._config.noise_correlation, seed)
         environments, count = self._environments, self._environments.num_envs
@@ -202,8 +186,7 @@ class PPOLearner(Learner):
 
         The first `value_batches` batches after cloning, or from a trained policy, train the value network alone (value
         warm-up): an untrained one would spoil the policy. Returns means by name: of the metrics of steps, of episodes
-        that ended, and of the agent's own. A DivergedError means that the learning rate is too high, or rewards are too
-        large.
+        that ended, and of the agent's own. A DivergedError means too high a learning rate, or too large rewards.
         """
         self._actor.refresh()
         if self._collected is None:
@@ -216,9 +199,8 @@ class PPOLearner(Learner):
         self.steps += self._config.batch_size
         for name, model in self.agent.networks.items():
             if not all(parameter.isfinite().all() for parameter in model.parameters()):
-                raise DivergedError(
-                    f"after {self.steps} steps the {name} network is no longer finite: lower the learning rate"
-                )
+                problem = f"the {name} network is no longer finite: lower the learning rate"
+                raise DivergedError(f"after {self.steps} steps {problem}")
         return means
 
     def _update(self) -> dict[str, float]:
@@ -229,7 +211,6 @@ class PPOLearner(Learner):
 
     def _collect(self, batch: Batch) -> dict[str, float]:
         """Makes the control steps of a batch; returns the means of the metrics of steps and ended episodes, by name."""
-        batch.clear()
         collected: dict[str, list[NDArray]] = collections.defaultdict(list)
         for step in range(self._config.rollouts):
             for name, values in self._step(batch, step).items():
@@ -241,17 +222,17 @@ class PPOLearner(Learner):
         """Makes a control step in all environments and adds it to a batch; returns its metrics."""
         batch.observations[step] = self._observations
         batch.actions[step] = self._actor.explore(self._observations)
-        observations, rewards, terminations, truncations, infos = self._environments.step(
-            self._applied(batch.actions[step])
-        )
+        applied = self._applied(batch.actions[step])
+        observations, rewards, terminations, truncations, infos = self._environments.step(applied)
         batch.rewards[step] = torch.as_tensor(rewards * self._config.reward_scale)
         ended = terminations | truncations
         batch.ended[step] = torch.as_tensor(ended)
+        batch.truncated[step] = torch.as_tensor(truncations & ~terminations)
         self._observations = self._tensor(observations)
         metrics = {"step/reward": rewards, **_step_metrics(infos)}
         if ended.any():
             for i in np.flatnonzero(truncations & ~terminations).tolist():
-                batch.add_truncated(step, i, self._tensor(infos["final_obs"][i]))
+                batch.last_observations[step, i] = self._tensor(infos["final_obs"][i])
             of_episodes = episode_metrics(self._task, infos["final_info"])
             metrics |= {name: values[ended] for name, values in of_episodes.items()}
             metrics |= self._balance.add(infos["final_info"], ended) if self._balance else {}
@@ -266,23 +247,17 @@ class PPOLearner(Learner):
         return (actions * self.agent.policy.scale).numpy()
 
 
-def make_spec(
-    settings: TrainSettings, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
-) -> EnvironmentSpec:
-    """Returns the specification of environments of a run's task, with which `kitchen-play` can play the policy."""
-    spec = EnvironmentSpec.make(
-        domain_name=settings.domain_name,
-        task_name=settings.task_name,
-        task_kwargs=task_kwargs,
-        max_episode_steps=max_episode_steps,
-    )
+def make_spec(settings: TrainSettings, task_kwargs: Mapping[str, Any], limit: int | None = None) -> EnvironmentSpec:
+    """Returns the specification of environments of a run's task, with which `kitchen-play` can play the policy.
+
+    Episodes have at most `limit` control steps, by default as many as the domain's.
+    """
+    spec = EnvironmentSpec.make(settings.domain_name, settings.task_name, task_kwargs, limit)
     default, seeing = spec.env_class.obs_types[0], "pixels_agent_pos"
     learned = (default, seeing) if settings.algorithm in IMITATION else (default,)
     if (obs_type := spec.task_kwargs.get("obs_type") or default) not in learned:
-        raise ValueError(
-            f"obs_type {obs_type!r} cannot be trained on with {settings.algorithm!r}: policies "
-            f"take the domain's default, {default!r}; those of imitation also {seeing!r}"
-        )
+        taken = f"policies take the domain's default, {default!r}; those of imitation also {seeing!r}"
+        raise ValueError(f"obs_type {obs_type!r} cannot be trained on with {settings.algorithm!r}: {taken}")
     spec.make_environment().close()
     return spec
 
@@ -306,18 +281,15 @@ class PPOTraining(Training):
             raise ValueError("--num_demonstrations is for the other algorithms; PPO clones all episodes")
         self._settings, self._spec = settings, spec
         self.training_kwargs = self._make_training_kwargs()
-        config = Hyperparameters.for_domain(
-            settings.domain_name, settings.hyperparameters, cloning=bool(settings.demonstrations)
-        )
+        cloning = bool(settings.demonstrations)
+        config = Hyperparameters.for_domain(settings.domain_name, settings.hyperparameters, cloning=cloning)
         arguments = {**settings.environment_kwargs, **self.training_kwargs}
         if (steps := arguments.pop("max_episode_steps", None)) is not None:
             checks.integer(steps, "max_episode_steps", minimum=1)
         training = make_spec(settings, arguments, steps)
         self.max_episode_steps = training.max_episode_steps
-        options = spec.env_class.flat_options
-        self.environments = training.make_vector_env(
-            config.num_envs, settings.num_threads, AutoresetMode.SAME_STEP, **options
-        )
+        options = {"autoreset_mode": AutoresetMode.SAME_STEP, **spec.env_class.flat_options}
+        self.environments = training.make_vector_env(config.num_envs, settings.num_threads, **options)
         task = self.environments.composer_task
         self.config = config.for_actions(task.mdp.action_mode.spec(task.robot))
         self._initial_policy, self.demonstrations = self._load_initial_policy(), self._load_demonstrations()
@@ -378,8 +350,7 @@ class PPOTraining(Training):
         loaded = [load_to_clone(folder, self._spec) for folder in self._settings.demonstrations]
         for folder, arrays in zip(self._settings.demonstrations, loaded, strict=True):
             if (found := tuple(array.shape[1:] for array in arrays)) != expected:
-                raise ValueError(
-                    f"{folder} holds observations and actions of shapes {found}, but this task has {expected}"
-                )
+                problem = f"observations and actions of shapes {found}, but this task has {expected}"
+                raise ValueError(f"{folder} holds {problem}")
         observations, actions = map(np.concatenate, zip(*loaded, strict=True))
         return observations, actions

@@ -35,7 +35,7 @@ class RunDescription:
 
     def create(self, folder: Path) -> None:
         """Writes it to the folder of a new run, as `DescribedFolder.create`."""
-        _RUN.create(folder, self.as_json())
+        _RUN.create(folder, vars(self))
 
     def resume(self, folder: Path) -> None:
         """Prepares the folder of an interrupted run: checks its description, removes incomplete files.
@@ -49,11 +49,7 @@ class RunDescription:
         for subfolder in folder.glob("seed_*"):
             files.remove_stale_partials(subfolder)
 
-    def as_json(self) -> dict[str, Any]:
-        """Returns it as JSON represents it."""
-        return json.loads(json.dumps(vars(self)))
-
     def entries(self) -> dict[str, Any]:
         """Returns it as JSON, with the arguments of the task and the hyperparameters beside the other entries."""
-        entries = self.as_json()
+        entries = json.loads(json.dumps(vars(self)))
         return {**entries.pop("task_kwargs"), **entries.pop("hyperparameters"), **entries}

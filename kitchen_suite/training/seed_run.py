@@ -26,8 +26,7 @@ from kitchen_suite.vector_env.base import SuiteVectorEnv
 # Files of the policies of the best evaluation and of the last one; the latter is not chosen by what it is scored on.
 POLICY_FILE, LAST_POLICY_FILE = "policy.npz", "last_policy.npz"
 
-# Below the success rate and mean return of any evaluation.
-NO_RESULT = (-1.0, 0.0)
+NO_RESULT = (-1.0, 0.0)  # Below the success rate and mean return of any evaluation.
 
 # First seeds of training and of evaluation episodes. Smaller ones, which people play with, stay unseen.
 _TRAINING_SEEDS = 1_000_000_000
@@ -51,8 +50,7 @@ class StopReason(enum.Enum):
 class CurveWriter:
     """Writes scalars to an event file of TensorBoard.
 
-    It writes in the calling thread. `torch.utils.tensorboard.SummaryWriter` writes in a thread of its own, which prints
-    a traceback where the disk is full.
+    It writes in the calling thread; that of `torch.utils.tensorboard.SummaryWriter` prints a traceback on a full disk.
     """
 
     def __init__(self, folder: Path, *, first_step: int | None = None) -> None:
@@ -98,8 +96,7 @@ class SeedRun:
     ) -> None:
         """Restores the newest checkpoint in the folder, if there is one; creates the folder otherwise.
 
-        As many episodes of an evaluation are played at first as there are environments, which have autoreset mode
-        `Disabled`. The metadata is of exported policies.
+        Evaluations first play an episode in each environment, without autoreset. Metadata is of exported policies.
         """
         self._folder, self._seed, self._schedule, self.policy_file = folder, seed, schedule, folder / POLICY_FILE
         self._learner, self._evaluation_environments, self._metadata = learner, evaluation_environments, metadata
@@ -131,15 +128,8 @@ class SeedRun:
             self._learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000)
         # The curves that an interrupted run wrote after its last checkpoint are hidden.
         curves = CurveWriter(self._folder, first_step=self.steps + 1 if self.resumed else None)
-        bar = tqdm(
-            total=self._schedule.num_steps,
-            initial=self.steps,
-            desc=f"seed {self._seed}, at most",
-            unit="step",
-            unit_scale=True,
-            disable=None,
-            leave=False,
-        )
+        looks: dict[str, Any] = {"unit": "step", "unit_scale": True, "disable": None, "leave": False}
+        bar = tqdm(total=self._schedule.num_steps, initial=self.steps, desc=f"seed {self._seed}, at most", **looks)
         with contextlib.closing(curves) as writer, bar:
             if not self.resumed:
                 self._evaluate_and_checkpoint(writer, report)
@@ -180,14 +170,9 @@ class SeedRun:
         curves = {name.replace("episode/", "evaluation/"): mean for name, mean in means.items()}
         times = {"time/minutes": minutes, "time/processor_minutes": processor_seconds / 60}
         writer.write({**curves, **times}, self.steps)
-        checkpoint = Checkpoint(
-            **self._learner.state(),
-            seconds=seconds,
-            processor_seconds=processor_seconds,
-            best=self.best,
-            progress=self._progress,
-            successes=self._successes,
-        )
+        found: dict[str, Any] = {"best": self.best, "progress": self._progress, "successes": self._successes}
+        state = self._learner.state()
+        checkpoint = Checkpoint(**state, seconds=seconds, processor_seconds=processor_seconds, **found)
         checkpoints.save(self._folder, checkpoint)
         # In the columns of `HEADING`.
         report(

@@ -8,7 +8,6 @@ from typing import Any
 
 import torch
 from dm_control.rl.control import PhysicsError
-from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import checks, files
 from kitchen_suite.policies import PolicyError
@@ -23,8 +22,7 @@ from kitchen_suite.training.reinforcement import PPOTraining, make_spec
 from kitchen_suite.training.run_folder import RunDescription
 from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, NO_RESULT, POLICY_FILE, SeedRun, StopReason
 
-# Environments that policies are evaluated in.
-_EVALUATION_ENVS = 20
+_EVALUATION_ENVS = 20  # Environments that policies are evaluated in.
 
 
 class TrainJob:
@@ -54,10 +52,8 @@ class TrainJob:
             "hyperparameters": dataclasses.asdict(self.training.config),
         }
         evaluation = dataclasses.replace(self._spec, max_episode_steps=self.training.max_episode_steps)
-        options = self._spec.env_class.flat_options
-        self.evaluation_environments = evaluation.make_vector_env(
-            min(settings.eval_episodes, _EVALUATION_ENVS), settings.num_threads, AutoresetMode.DISABLED, **options
-        )
+        options, count = self._spec.env_class.flat_options, min(settings.eval_episodes, _EVALUATION_ENVS)
+        self.evaluation_environments = evaluation.make_vector_env(count, settings.num_threads, **options)
         # Raises a ValueError if hyperparameters or initial policy do not fit the environments.
         self.training.make_learner(settings.seed)
         self._seed_run: SeedRun | None = None
@@ -67,10 +63,8 @@ class TrainJob:
 
     def progress(self) -> str:
         steps = self._seed_run.steps if self._seed_run else 0
-        return (
-            f"after {steps:,} of {self._schedule.num_steps:,} steps; "
-            "the same command with --resume continues from the last checkpoint"
-        )
+        done = f"after {steps:,} of {self._schedule.num_steps:,} steps"
+        return f"{done}; the same command with --resume continues from the last checkpoint"
 
     def run(self) -> bool:
         """Trains; prints a table of the evaluations, and why each seed stopped."""
@@ -78,11 +72,8 @@ class TrainJob:
         torch.set_num_threads(1)
         settings = self._settings
         print_line(f"{settings.domain_name} {self._spec.task_name}, {self.training.title}, in {settings.output}")
-        schedule = self._schedule
-        print_line(
-            f"at most {schedule.num_steps:,} {self.training.steps} for each seed, evaluated every "
-            f"{schedule.eval_interval:,} in {schedule.eval_episodes} episodes"
-        )
+        schedule, steps = self._schedule, f"at most {self._schedule.num_steps:,} {self.training.steps} for each seed"
+        print_line(f"{steps}, evaluated every {schedule.eval_interval:,} in {schedule.eval_episodes} episodes")
         print_line(f"curves: tensorboard --logdir={settings.output}\n\n{HEADING}")
         with contextlib.closing(self.training), contextlib.closing(self.evaluation_environments):
             for seed in range(settings.seed, settings.seed + settings.restarts + 1):
@@ -128,13 +119,8 @@ class TrainJob:
                 shutil.copyfile(run.policy_file, partial)
 
     def _film(self, file: Path) -> None:
-        rollout = policy_rollout(
-            self._settings.output / POLICY_FILE,
-            num_episodes=1,
-            seed=EVALUATION_SEEDS,
-            video=file,
-            video_fps=PlaySettings.video_fps,
-        )
+        best, fps = self._settings.output / POLICY_FILE, PlaySettings.video_fps
+        rollout = policy_rollout(best, num_episodes=1, seed=EVALUATION_SEEDS, video=file, video_fps=fps)
         RolloutJob(rollout).run()
         print_line(f"video {file}")
 

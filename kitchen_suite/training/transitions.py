@@ -16,8 +16,7 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.training.demonstrations import check_same, finite, open_recording, with_counts
 from kitchen_suite.training.hyperparameters import OfflineHyperparameters
 
-# Euclidean distance from a goal, in the elements of the state that it has, at which it is reached [rad, m]: that of the
-# protocol `goal-reaching`.
+# Euclidean distance in a goal's elements of the state at which it is reached [rad, m]; as in protocol `goal-reaching`.
 REACHED = 0.1
 
 # Shares of the goals of values that are the state after the step, and later states of the same episode; the rest are
@@ -33,8 +32,7 @@ class Transitions(NamedTuple):
     """The control steps of all episodes, one after the other.
 
     Attributes:
-      inputs: `(r, n)`, float32: the state, and which of the policy's tasks are requested, at each reset and after each
-        step.
+      inputs: `(r, n)`, float32: the state, and which of the policy's tasks are requested, at resets and after steps.
       actions: `(m, k)`, float32.
       rows: `(m,)`, index of the inputs before each step; the next one is after it.
       last: `(m,)`, index of the last inputs of its episode.
@@ -123,11 +121,7 @@ class Sampler:
     """Draws batches of recorded control steps with the recorded rewards."""
 
     def __init__(
-        self,
-        transitions: Transitions,
-        inputs: NDArray[np.float32],
-        actions: NDArray[np.float32],
-        config: OfflineHyperparameters,
+        self, transitions: Transitions, inputs: NDArray, actions: NDArray, config: OfflineHyperparameters
     ) -> None:
         """Takes transitions, their standardised inputs and actions, and the sizes of batches."""
         self._transitions, self._config = transitions, config

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, cast
 
 import gymnasium
 import numpy as np
+import tree
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
@@ -344,7 +345,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             return {}
         ended, observations, last = self._ended, self._get_obs(), np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(ended).tolist():
-            last[i] = vector_checks.row(observations, i)
+            last[i] = tree.map_structure(lambda array, i=i: array[i].copy(), observations)
         info = self._masked_infos(ended)
         self._episodes.start(ended & ~diverged)
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}

@@ -1,5 +1,6 @@
 """Batches of simulations of one model, or of several side by side."""
 
+import concurrent.futures
 import ctypes
 import functools
 import os
@@ -52,14 +53,15 @@ class JoinedBatch:
 
         Args:
           models: model of each simulation.
-          threads: number of threads that step them, including the calling one. The batches are stepped one after
-            another, as MuJoCo keeps Python's global lock meanwhile, so a thread more than a batch is large is idle.
+          threads: number of threads that step them, including the calling one; each takes the next batch that waits.
         """
         distinct = {id(model): model for model in models}
         numbers = np.array([id(model) for model in models])
         self.rows = [np.flatnonzero(numbers == number) for number in distinct]
         parts = zip(distinct.values(), self.rows, strict=True)
-        self.batches = [make_batch(model, rows.size, min(threads, rows.size)) for model, rows in parts]
+        self.batches = [make_batch(model, rows.size, max(1, threads // len(distinct))) for model, rows in parts]
+        self._others = min(threads, len(distinct)) - 1
+        self._pool = concurrent.futures.ThreadPoolExecutor(max(self._others, 1))
         self._order = np.argsort(np.concatenate(self.rows))
         self.state = self._split([batch.state for batch in self.batches])
 
@@ -86,9 +88,20 @@ class JoinedBatch:
         chosen = np.full(self._order.size, ids is None)
         if ids is not None:
             chosen[ids] = True
-        for batch, rows in zip(self.batches, self.rows, strict=True):
-            if (mask := chosen[rows]).any():
+        masks = [(batch, chosen[rows]) for batch, rows in zip(self.batches, self.rows, strict=True)]
+        waiting = iter([(batch, mask) for batch, mask in masks if mask.any()])
+
+        def work() -> None:
+            for batch, mask in waiting:
                 method(batch, None if mask.all() else mask, *arguments, **options)
+
+        others = [self._pool.submit(work) for _ in range(self._others)]
+        try:
+            work()
+        finally:
+            concurrent.futures.wait(others)
+        for other in others:
+            other.result()
 
     reset = functools.partialmethod(_call, Batch.reset)
     forward = functools.partialmethod(_call, Batch.forward)

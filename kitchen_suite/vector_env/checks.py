@@ -37,12 +37,9 @@ def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
 
 
 def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """Returns the seed of each of `count` environments.
+    """Returns the seed of each of `count` environments, given that of environment 0, to which environment `i` adds `i`.
 
-    Args:
-      value: seed of environment 0, to which environment `i` adds `i`; or a sequence of seeds, in which `None` continues
-        the environment's stream.
-      count: number of environments.
+    Or `value` is a sequence of seeds, in which `None` continues the environment's stream.
     """
     if value is None:
         return [None] * count
@@ -112,11 +109,6 @@ def variation_requests(
         i: tasks[i].variations.request(names, {name: array[i] for name, array in rows.items()})
         for i in mask.nonzero()[0].tolist()
     }
-
-
-def row(observations: Any, i: int) -> Any:
-    """Returns a copy of the observation of environment `i`."""
-    return tree.map_structure(lambda array: array[i].copy(), observations)
 
 
 def copied(infos: Mapping[str, Any]) -> dict[str, Any]:

@@ -51,12 +51,9 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return infos
 
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
-        """Returns rewards as `FrankaKitchenEnv.compute_reward` does.
+        """Returns rewards as `FrankaKitchenEnv.compute_reward` does; its arguments are those of that method.
 
-        Args:
-          achieved_goal: dict by task or flat, with any leading axes.
-          desired_goal: dict by task or flat, with the same leading axes.
-          info: one dict, a list of dicts for a batch, or, for goals `(n, ...)`, the infos of this environment's `step`.
+        For goals `(n, ...)`, `info` may also be the infos of this environment's `step`.
         """
         return self._template_env.compute_reward(achieved_goal, desired_goal, self._split_infos(info))
 

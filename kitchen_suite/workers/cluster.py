@@ -69,21 +69,20 @@ class RaySettings:
             if ray.is_initialized():
                 yield
                 return
+            settings = {"num_cpus": num_cpus, "include_dashboard": False} if self.address is None else {}
+            handler = signal.getsignal(signal.SIGTERM)
             try:
-                with _sigterm_handler_kept():
-                    self._connect(num_cpus)
+                try:
+                    ray.init(self.address or "local", log_to_driver=False, logging_level="ERROR", **settings)
+                except (OSError, RuntimeError, ValueError) as error:
+                    raise ClusterError(f"cannot use Ray at {self.address or 'this machine'}: {error}") from error
+                finally:
+                    # Ray replaces it when it is started.
+                    if threading.current_thread() is threading.main_thread():
+                        signal.signal(signal.SIGTERM, handler)
                 yield
             finally:
                 ray.shutdown()
-
-    def _connect(self, num_cpus: int) -> None:
-        import ray
-
-        settings = {"num_cpus": num_cpus, "include_dashboard": False} if self.address is None else {}
-        try:
-            ray.init(self.address or "local", log_to_driver=False, logging_level="ERROR", **settings)
-        except (OSError, RuntimeError, ValueError) as error:
-            raise ClusterError(f"cannot use Ray at {self.address or 'this machine'}: {error}") from error
 
 
 def _check_reachable(address: str) -> None:
@@ -107,14 +106,3 @@ def _environment_defaults() -> Iterator[None]:
     finally:
         for name in added:
             os.environ.pop(name, None)
-
-
-@contextlib.contextmanager
-def _sigterm_handler_kept() -> Iterator[None]:
-    """Restores the handler of SIGTERM, which Ray replaces when it is started."""
-    handler = signal.getsignal(signal.SIGTERM)
-    try:
-        yield
-    finally:
-        if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, handler)

@@ -51,7 +51,11 @@ class Worker:
         """
         try:
             gl.prepare(rendering=False)
-            _check_versions(versions)
+            here = installed_versions()
+            if odd := [
+                f"{name} {here[name]} instead of {there}" for name, there in versions.items() if here[name] != there
+            ]:
+                raise ValueError(f"it has {', '.join(odd)}, so its episodes would differ")
             self._runner: EpisodeRunner = pickle.loads(pickled)()
         except (ImportError, OSError, TypeError, ValueError) as error:
             raise ClusterError(f"a worker on {platform.node()} cannot start: {error}") from error
@@ -165,11 +169,3 @@ def waiting_line(num_threads: int, *, free: float, machines: Sequence[float]) ->
         return f"{line}, {free:g} of the cluster's are free"
     # A cluster that grows may yet add a larger one.
     return f"{line}, but its largest machine has {largest:g}: give a smaller --num_threads, or add one"
-
-
-def _check_versions(expected: Mapping[str, str]) -> None:
-    here = installed_versions()
-    if differing := [
-        f"{name} {here[name]} instead of {there}" for name, there in expected.items() if here[name] != there
-    ]:
-        raise ValueError(f"it has {', '.join(differing)}, so its episodes would differ")

@@ -2,7 +2,6 @@
 
 import functools
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -70,9 +69,10 @@ GOAL = Goal(prop="microwave", value=(OPEN_ANGLE,), instructions=OPEN_MICROWAVE)
 RESET_NOISE = 0.05
 
 # The cabinet's control modes, with a gripper that draws nothing.
-CONTROL_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
-    {**OFFSET_MODES, "joint_offset": functools.partial(JointOffset, gripper="deterministic")}
-)
+CONTROL_MODES: Mapping[str, Callable[..., ActionMode]] = {
+    **OFFSET_MODES,
+    "joint_offset": functools.partial(JointOffset, gripper="deterministic"),
+}
 
 
 class MicrowaveTableTask(OpeningTask):

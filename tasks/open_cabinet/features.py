@@ -1,7 +1,6 @@
 """Physics features of robot, handle and drawer, from which observation and reward are computed, and their sensors."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -12,20 +11,18 @@ from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.tasks.mdp import FeatureSensors
 
 # Index of each part in `Features.values`; a part with an integer instead of a slice has no axis.
-FEATURE_INDICES: Mapping[str, slice | int] = MappingProxyType(
-    {
-        "joint_positions": slice(0, 9),
-        "joint_velocities": slice(9, 18),
-        "tcp_position": slice(18, 21),
-        "tcp_quaternion": slice(21, 25),
-        "handle_position": slice(25, 28),
-        "handle_quaternion": slice(28, 32),
-        "left_pad_height": 32,
-        "right_pad_height": 33,
-        "drawer_position": 34,
-        "drawer_velocity": 35,
-    }
-)
+FEATURE_INDICES: Mapping[str, slice | int] = {
+    "joint_positions": slice(0, 9),
+    "joint_velocities": slice(9, 18),
+    "tcp_position": slice(18, 21),
+    "tcp_quaternion": slice(21, 25),
+    "handle_position": slice(25, 28),
+    "handle_quaternion": slice(28, 32),
+    "left_pad_height": 32,
+    "right_pad_height": 33,
+    "drawer_position": 34,
+    "drawer_velocity": 35,
+}
 FEATURES_SIZE = 36
 
 _HEIGHT = slice(2, 3)

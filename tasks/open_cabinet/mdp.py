@@ -2,13 +2,12 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.mdp import MDP, ActionMode, RewardTerm, Simulation
+from kitchen_suite.tasks.mdp import MDP, Simulation
 from kitchen_suite.tasks.open_cabinet.features import FEATURE_INDICES, Features, OpenCabinetSensors, scalars
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, clipped, observe
 from kitchen_suite.tasks.open_cabinet.reward import succeeds, terminates
@@ -57,21 +56,16 @@ class OpenCabinetState(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
-    """Settings of an open_cabinet task, and the mathematics of an episode under them.
+    """Settings of an open_cabinet task, and the mathematics of an episode under them; see `MDP` for those of all tasks.
 
     Attributes:
-      sensors: sensors of the features.
-      action_mode: meaning of the action.
-      action_size: number of its elements.
+      action_size: number of elements of the action.
       noise_scale: `(25,)`, greatest noise of each element of the observation, in its unit.
-      rewards: the terms of the reward by name.
     """
 
     sensors: OpenCabinetSensors
-    action_mode: ActionMode
     action_size: int
     noise_scale: NDArray[np.float64]
-    rewards: Mapping[str, RewardTerm]
 
     # The weights of the penalties depend on the control steps of all episodes.
     persistent = ("total_steps",)

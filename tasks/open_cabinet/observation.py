@@ -1,9 +1,7 @@
 """The open_cabinet domain's observation: 25 numbers, as named parts whose concatenation is the flat vector."""
 
 import collections
-import dataclasses
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 
 import numpy as np
 from dm_control.composer.observation import observable
@@ -63,40 +61,26 @@ def _sign(value: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.copysign(1.0, value)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Part:
-    """A named part of the observation.
-
-    Attributes:
-      size: number of elements.
-      compute: function that returns the elements, before clipping.
-    """
-
-    size: int
-    compute: Callable[[Features], NDArray[np.float64]]
-
-
-# Parts by observation key, in the order of the flat vector.
-PARTS: Mapping[str, Part] = MappingProxyType(
-    {
-        "joint_positions": Part(size=8, compute=scaled_joint_positions),
-        "joint_velocities": Part(size=8, compute=scaled_joint_velocities),
-        "handle_offset": Part(size=3, compute=handle_offset),
-        "handle_orientation_offset": Part(size=4, compute=handle_orientation_offset),
-        "drawer_position": Part(size=1, compute=drawer_position),
-        "drawer_velocity": Part(size=1, compute=drawer_velocity),
-    }
-)
+# Functions of the parts, before clipping, by observation key, in the order of the flat vector.
+PARTS: Mapping[str, Callable[[Features], NDArray[np.float64]]] = {
+    "joint_positions": scaled_joint_positions,
+    "joint_velocities": scaled_joint_velocities,
+    "handle_offset": handle_offset,
+    "handle_orientation_offset": handle_orientation_offset,
+    "drawer_position": drawer_position,
+    "drawer_velocity": drawer_velocity,
+}
 
 # Slice of each part in the flat vector.
-SLICES: Mapping[str, slice] = MappingProxyType(
-    {
-        name: slice(int(stop) - part.size, int(stop))
-        for (name, part), stop in zip(PARTS.items(), np.cumsum([part.size for part in PARTS.values()]), strict=True)
-    }
-)
-
-SIZE = sum(part.size for part in PARTS.values())
+SLICES: Mapping[str, slice] = {
+    "joint_positions": slice(0, 8),
+    "joint_velocities": slice(8, 16),
+    "handle_offset": slice(16, 19),
+    "handle_orientation_offset": slice(19, 23),
+    "drawer_position": slice(23, 24),
+    "drawer_velocity": slice(24, 25),
+}
+SIZE = 25
 
 
 def clipped(values: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -106,7 +90,7 @@ def clipped(values: NDArray[np.float64]) -> NDArray[np.float32]:
 
 def observe(features: Features) -> NDArray[np.float64]:
     """Returns the flat vector `(..., 25)`, not yet clipped."""
-    return np.concatenate([part.compute(features) for part in PARTS.values()], axis=-1)
+    return np.concatenate([compute(features) for compute in PARTS.values()], axis=-1)
 
 
 class OpenCabinetObservables:
@@ -120,8 +104,7 @@ class OpenCabinetObservables:
     def __init__(self, noise_widths: Mapping[str, float] | None) -> None:
         """Builds the observables; those with noise have a corruptor, which returns the noisy part.
 
-        Args:
-          noise_widths: half widths of the uniform noise by part, in the unit of the part; `None` for none.
+        `noise_widths` are half widths of the uniform noise by part, in the unit of the part; `None` for none.
         """
         if not isinstance(noise_widths, Mapping | None):
             shown = checks.shown(noise_widths)
@@ -140,11 +123,9 @@ class OpenCabinetObservables:
                 self.by_name[name].corruptor = lambda clean, random_state, indices=indices: self._noisy[indices]
 
     def update(self, values: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
-        """Sets the present observation.
+        """Sets the present observation: `values` `(25,)` without noise and not yet clipped, and its `noise` `(25,)`.
 
-        Args:
-          values: `(25,)`, without noise and not yet clipped.
-          noise: `(25,)`, added before clipping, so that noisy observations keep the range.
+        Noise is added before clipping, so that noisy observations keep the range.
         """
         self._clean = clipped(values)
         self._noisy = clipped(values + noise) if self._is_noisy else self._clean

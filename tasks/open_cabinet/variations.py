@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 from dm_control.composer.variation.distributions import Uniform
@@ -66,15 +65,13 @@ VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, 
 
 
 # Kind and name of the parameter of each attribute of `Randomization`, in the order in which they are drawn.
-_PARAMETERS: Mapping[str, tuple[ParameterType, str]] = MappingProxyType(
-    {
-        "cabinet_offset": (kinds.POSITION_OFFSET, "{cabinet}/offset"),
-        "cabinet_yaw": (kinds.YAW, "{cabinet}/yaw"),
-        "drawer_friction": (kinds.JOINT_FRICTION, "{cabinet}/drawer_{drawer}_friction"),
-        "drawer_damping": (kinds.JOINT_DAMPING, "{cabinet}/drawer_{drawer}_damping"),
-        "pad_friction": (kinds.SLIDING_FRICTION, "{robot}/pad_friction"),
-    }
-)
+_PARAMETERS: Mapping[str, tuple[ParameterType, str]] = {
+    "cabinet_offset": (kinds.POSITION_OFFSET, "{cabinet}/offset"),
+    "cabinet_yaw": (kinds.YAW, "{cabinet}/yaw"),
+    "drawer_friction": (kinds.JOINT_FRICTION, "{cabinet}/drawer_{drawer}_friction"),
+    "drawer_damping": (kinds.JOINT_DAMPING, "{cabinet}/drawer_{drawer}_damping"),
+    "pad_friction": (kinds.SLIDING_FRICTION, "{robot}/pad_friction"),
+}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -153,4 +150,4 @@ MODERATE = Randomization(
     pad_friction=Uniform(low=1.2, high=1.8),
 )
 
-PRESETS: Mapping[str, Randomization] = MappingProxyType({"moderate": MODERATE})
+PRESETS: Mapping[str, Randomization] = {"moderate": MODERATE}

@@ -296,9 +296,7 @@ def _in_groups(names: str | Sequence[str], rows: Mapping[str, ParameterVariation
 
 def _group_names(value: str | Sequence[str], what: str) -> tuple[object, ...]:
     """Returns names that are alone, in a sequence, or joined by commas; `what` is for messages."""
-    if isinstance(value, list | tuple) and not value:
-        return ()
-    return checks.unique_names(value.split(",") if isinstance(value, str) else value, what)
+    return checks.unique_names(value.split(",") if isinstance(value, str) else value, what, minimum=0)
 
 
 def flat_values(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

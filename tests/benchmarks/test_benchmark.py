@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks import benchmark_job, rendering, speed
+from kitchen_suite.benchmarks import benchmark_job, measurements, rendering
 from kitchen_suite.benchmarks.benchmark_job import BenchmarkJob, command_line, find_cases
 from kitchen_suite.benchmarks.cases import BARE, Case
 from kitchen_suite.cli.commands import benchmark
@@ -159,14 +159,16 @@ def test_help_names_the_flags(capsys):
 def test_the_summary_takes_medians_of_ratios_round_by_round():
     rates = {BARE: [100.0, 200.0, 400.0], "other": [50.0, 200.0, 800.0]}
     cases = {BARE: Case(episode=print), "other": Case(episode=print, num_envs=4, num_threads=2)}
-    assert speed.summarize(rates, cases)["other"] == {
+    assert measurements.summarize(rates, cases)["other"] == {
         "ratio": 1.0,
         "min": 0.5,
         "max": 2.0,
         "ratio_per_thread": 0.5,
         "steps_per_second": 200.0,
     }
-    assert speed.named_ratios(rates, {"slower": (BARE, "other")}) == {"slower": {"ratio": 1.0, "min": 0.5, "max": 2.0}}
+    assert measurements.named_ratios(rates, {"slower": (BARE, "other")}) == {
+        "slower": {"ratio": 1.0, "min": 0.5, "max": 2.0}
+    }
 
 
 @pytest.fixture

@@ -59,6 +59,15 @@ def test_commands_flags_formats_and_policies_exist():
     assert set(re.findall(r"`(\w+)`", named)) <= policies.POLICIES.keys()
 
 
+def test_the_benchmark_of_vla_eval_exists():
+    module, name = re.search(r"`(\w+):(\w+Benchmark)`", PAGE).groups()
+    (folder,) = re.findall(r"`docs/(plugins/\w+)`", PAGE)
+    assert f"class {name}(" in (DOCS / folder / f"{module}.py").read_text(encoding="utf-8")
+    configs = [path.read_text(encoding="utf-8") for path in (DOCS / folder).glob("*.yaml")]
+    assert configs
+    assert all(f"benchmark: {module}:{name}\n" in config for config in configs)
+
+
 def test_the_list_names_pages_that_exist():
     links = re.findall(r"\]\(([\w/]+)\.html\)", LIST)
     assert len(links) == LIST.count("](") > 20

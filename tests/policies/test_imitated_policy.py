@@ -1,6 +1,5 @@
 """Policies learned by imitation: files, chunks, and the tasks that they act in."""
 
-import dataclasses
 import os
 import shutil
 import subprocess
@@ -341,9 +340,8 @@ def test_metadata_on_extra_observables_is_checked(changes):
 def make_nine_actions(policy):
     """Returns a policy with the eight actions of the cabinet."""
     size = ACTION - 1
-    changed = dataclasses.replace(
-        policy.scales, **{name: np.ones(size, np.float32) for name in ("action_mean", "action_deviation")}
-    )
+    ones = np.ones(size, np.float32)
+    changed = policy.scales._replace(action_mean=ones, action_deviation=ones)
     networks = {"network": network(np.random.default_rng(0), STATE, CHUNK * size)}
     return ClonedPolicy(scales=changed, networks=networks, metadata=policy.metadata)
 

@@ -34,7 +34,10 @@ unpack = functools.partial(msgpack.unpackb, object_hook=SERVER.unpacked)
 
 @contextlib.contextmanager
 def serving(port, answer, **options):
-    """Serves at a port; yields the address. `answer` makes a message of the number of a request and its message."""
+    """Serves at a port; yields the address.
+
+    `answer` makes a message, or a list of messages, of the number of a request and its message.
+    """
     connections = []
 
     def handle(connection):
@@ -42,7 +45,9 @@ def serving(port, answer, **options):
         connection.send(pack({"name": "test"}))
         with contextlib.suppress(ConnectionClosed):
             for number, message in enumerate(connection):
-                connection.send(answer(number, message))
+                answers = answer(number, message)
+                for each in answers if isinstance(answers, list) else [answers]:
+                    connection.send(each)
 
     with serve(handle, "localhost", port, **options) as server:
         thread = threading.Thread(target=server.serve_forever)
@@ -102,6 +107,16 @@ def test_a_single_action_and_the_metadata_are_read_and_the_sentence_is_that_of_t
         np.testing.assert_array_equal(policy(START), np.full(SIZE, 7.0))
         environment = types.SimpleNamespace(task=None, action_spec=lambda: specs.Array((SIZE,), float))
         assert remote.RemotePolicy(environment, address, 5.0).metadata == {"name": "test"}
+
+
+def test_a_second_answer_is_not_taken_for_the_next_one(port):
+    answer = pack({"actions": np.zeros(SIZE)})
+    with serving(port, lambda number, request: [answer, answer]) as address:
+        policy = build(address)
+        with refused(policies.PolicyError, address, "not asked for"):
+            # The second one may arrive after the next request.
+            for _ in range(1_000):
+                policy(START)
 
 
 def array(dtype, data=b"", shape=(0,)):

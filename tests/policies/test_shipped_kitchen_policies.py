@@ -127,7 +127,9 @@ def completed_share(task, count, **arguments):
     """Returns the share of the tasks asked that the policy of the whole kitchen completes."""
     path = shipped_as("kitchen")
     layout = (
-        {"extra_observables": [*load_policy(path).extra_observables]} if "layout" in arguments["variations"] else {}
+        {"extra_observables": [*load_policy(path).given.extra_observables]}
+        if "layout" in arguments["variations"]
+        else {}
     )
     build = find(f"trained(file={str(path)!r})")
     completed, asked = 0, 0

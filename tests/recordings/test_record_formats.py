@@ -17,7 +17,8 @@ from helpers.errors import refused
 
 from kitchen_suite.cli.commands import convert, record
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.bet_folder import TASKS, as_torch_file
+from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.recordings.bet_folder import as_torch_file
 from kitchen_suite.recordings.formats import FORMATS
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
@@ -176,7 +177,7 @@ def test_bet(make):
         )
         for task, step in completed.items():
             # The last step before a task is completed asks for it.
-            assert goals[step - 1, index].argmax() == TASKS.index(task)
+            assert goals[step - 1, index].argmax() == DEFAULT_TASKS.index(task)
 
 
 def tensor_in(path, shape):

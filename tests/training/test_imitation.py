@@ -244,7 +244,7 @@ def test_demonstrations_of_other_tasks_are_refused_and_of_some_tasks_warned_of(i
 def test_a_run_trains_a_policy_that_observes_what_is_asked(imitate, tmp_path, algorithm):
     assert imitate(f"--algorithm={algorithm}")[0] == 0
     policy = load_policy(tmp_path / "run" / "policy.npz")
-    assert policy.tasks == ("kettle", "microwave", "light switch")
+    assert policy.given.tasks == ["kettle", "microwave", "light switch"]
     assert policy.metadata["algorithm"] == algorithm
     assert json.loads((tmp_path / "run" / "training.json").read_text())["algorithm"] == algorithm
     status, out, _ = imitate(f"--algorithm={algorithm}", "--resume")
@@ -254,7 +254,7 @@ def test_a_run_trains_a_policy_that_observes_what_is_asked(imitate, tmp_path, al
 def test_a_run_without_draws_trains_a_policy_that_does_not_observe_what_is_asked(imitate, tmp_path):
     assert imitate("--algorithm=bc", "--num_demonstrations=2", task_kwargs={})[0] == 0
     policy = load_policy(tmp_path / "run" / "policy.npz")
-    assert (policy.tasks, policy.metadata["state_size"]) == ((), 59)
+    assert (policy.given.tasks, policy.given.state_size) == ([], 59)
 
 
 BAD = {
@@ -338,11 +338,15 @@ def test_a_policy_names_its_extra_observables_and_the_default_layout(tmp_path, c
     arguments = [f"--demonstrations={folder}", f"--output={run}", "--variations=layout"]
     assert train.main(["--domain_name=kitchen", *shared, *arguments, *quick, hyperparameters]) == 0
     policy = load_policy(run / "policy.npz")
-    assert policy.extra_observables == {"franka/base_pose": 7, "microwave/pose": 7, "microwave/handle_positions": 3}
+    assert policy.given.extra_observables == {
+        "franka/base_pose": 7,
+        "microwave/pose": 7,
+        "microwave/handle_positions": 3,
+    }
     with suite.load("kitchen", "kettle", {"visuals": False, "extra_observables": names}) as environment:
         observed = environment.reset().observation
-    assert policy.layout.keys() == {"franka/base_pose", "microwave/pose"}
-    for name, values in policy.layout.items():
+    assert policy.given.layout.keys() == {"franka/base_pose", "microwave/pose"}
+    for name, values in policy.given.layout.items():
         np.testing.assert_array_equal(values, observed[name])
 
 
@@ -443,7 +447,7 @@ def test_a_run_learns_from_recorded_pictures(tmp_path, capsys):
     small = '--hyperparameters={"width": 8, "batch_size": 8, "features": 4}'
     assert train.main([*task, f"--output={output}", *flags, small]) == 0
     policy = output / "policy.npz"
-    assert load_policy(policy).cameras == ("workspace",)
+    assert load_policy(policy).given.cameras == ["workspace"]
     assert play.main([f"--policy_file={policy}", "--novideo", "--num_episodes=1", "--max_episode_steps=3"]) == 0
     named = f"--policy=trained(file={str(policy)!r})"
     assert rollout.main([named, "--task_name=light_switch", "--num_episodes=1", "--max_episode_steps=3"]) == 2

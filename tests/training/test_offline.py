@@ -121,7 +121,7 @@ def test_what_was_rewarded_is_done(algorithm, changes):
 @pytest.mark.parametrize("algorithm", GOALS)
 def test_goals_say_where_to_go(algorithm):
     policy = taught(algorithm, forks(), num_steps=800, discount=0.8)
-    assert policy.goal_size == len(ELEMENTS)
+    assert policy.given.goal_size == len(ELEMENTS)
     ends = np.array([[6.0, 0.0], [-6.0, 0.0], [0.0, 6.0], [0.0, -6.0]])
     actions = chosen(policy, *(np.concatenate([[0.0, 0.0], end]) for end in ends))
     # In the direction of the goal, by about the step of the data.
@@ -247,7 +247,7 @@ def test_a_run_learns_from_failed_episodes_and_its_policy_acts(run, tmp_path, re
     assert status == 0
     assert "20 steps of the optimiser" in out
     policy = load_policy(output / "policy.npz")
-    assert policy.chunk == 8
+    assert policy.given.chunk == 8
     last = load_policy(output / "seed_0" / "last_policy.npz")
     assert last.metadata["training"]["steps"] == 20
     name = f"trained(file={str(output / 'policy.npz')!r})"

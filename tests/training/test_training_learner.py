@@ -361,9 +361,8 @@ def test_a_truncated_episode_is_worth_the_value_of_its_last_observation():
     samples = taught.agent.samples(batch)
     truncations = [(t, i) for t, (_, infos) in enumerate(seen) for i in np.flatnonzero(infos.get("_final_obs", []))]
     assert len(truncations) == BATCH // 5 or len(truncations) > 8
-    steps, indices, last = batch.last_observations()
-    assert [*zip(steps.tolist(), indices.tolist(), strict=True)] == truncations
-    for (t, i), observation in zip(truncations, last, strict=True):
+    assert [tuple(place) for place in batch.truncated.nonzero().tolist()] == truncations
+    for (t, i), observation in zip(truncations, batch.last_observations[batch.truncated], strict=True):
         np.testing.assert_array_equal(observation, seen[t][1]["final_obs"][i].astype(np.float32))
     np.testing.assert_allclose(batch.rewards, 0.5 * np.array([rewards for rewards, _ in seen]), rtol=1e-6)
     assert len(samples.actions) == BATCH
@@ -383,7 +382,6 @@ def test_a_learner_finds_the_action_that_is_rewarded():
     agent = Agent(1, gymnasium.spaces.Box(-5, 5, (1,)), config)
     actor, batch = Actor(agent, 0.0, 0), Batch(8, 64, 1, 1)
     for _ in range(60):
-        batch.clear()
         batch.observations.uniform_(-1, 1)
         batch.next_observations.uniform_(-1, 1)
         for step in range(8):
