@@ -32,10 +32,10 @@ PICTURE = Path(__file__).resolve().parent.parent / "pictures" / "kitchens_curve.
 COUNTS = (1, 10, 100)
 
 # Successful demonstrations of every training; optimiser's steps; test kitchens, and episodes in each.
-DEMONSTRATIONS, STEPS, TEST_KITCHENS, EPISODES = 1_000, 20_000, 100, 4
+DEMONSTRATIONS, STEPS, TEST_KITCHENS, EPISODES = 2_000, 20_000, 100, 4
 
-# What is learned.
-TASK = "open"
+# What is learned, and by whom it is demonstrated: as in the kitchen's sets for imitation.
+TASK, EXPERT = "open", "expert(action_noise=0.1, jitter=0.01)"
 
 # Seed of the training, and the first one of the test episodes.
 SEED, FIRST_SEED = 1, 400_000_000
@@ -43,7 +43,8 @@ SEED, FIRST_SEED = 1, 400_000_000
 
 def arguments(design: int, split: str = "train") -> dict[str, Any]:
     """Returns the arguments of environments of a kitchen."""
-    return {"design": design, "split": split, "certified": True}
+    # A policy that sees the whole kitchen knows by heart what was done in which.
+    return {"design": design, "split": split, "certified": True, "num_slots": 1}
 
 
 def flags(design: int) -> list[str]:
@@ -66,7 +67,7 @@ def record(folder: Path, design: int, count: int) -> Path:
     while sum(recorded) < count:
         # Nearly all succeed.
         episodes = len(recorded) + count - sum(recorded) + 2
-        call("record", f"--output={output}", "--policy=expert", f"--num_episodes={episodes}", *flags(design))
+        call("record", f"--output={output}", f"--policy={EXPERT}", f"--num_episodes={episodes}", *flags(design))
         recorded = outcomes(output)
     return output
 

@@ -41,9 +41,15 @@ def _end_to_end(**sizes: int) -> Mapping[str, slice]:
 SLOT_PARTS = _end_to_end(kind=6, position=3, offset=3, into=3, along=3, opening=1, goal=1, requested=1)
 SLOT_SIZE = SLOT_PARTS["requested"].stop
 
-# Parts of the flat observation.
+# Parts of the flat observation, which ends earlier where fewer slots are observed.
 PARTS = _end_to_end(joint_positions=9, joint_velocities=9, hand_pose=9, slots=MAX_PARTS * SLOT_SIZE)
 SIZE = PARTS["slots"].stop
+
+
+def size(num_slots: int) -> int:
+    """Returns the number of elements of an observation with a number of slots."""
+    return PARTS["slots"].start + num_slots * SLOT_SIZE
+
 
 # Greatest noise of joint positions [rad, m] and velocities, of handles [m] and of openings, times the noise ratios.
 _ROBOT_AMPLITUDE, _HANDLE_AMPLITUDE, _OPENING_AMPLITUDE = 0.1, 0.2, 0.5
@@ -322,12 +328,14 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
     Attributes:
       sensors: of robot and parts.
       noise_scale: `(82,)`, greatest noise of joints, handles and openings.
+      num_slots: number of slots that are observed.
       is_dense: whether a dense reward is paid.
       terminates_when_complete: whether an episode terminates once all that it asks for has been completed.
     """
 
     sensors: SlotSensors
     noise_scale: NDArray[np.float64]
+    num_slots: int = MAX_PARTS
     is_dense: bool = False
     terminates_when_complete: bool = True
 
@@ -421,7 +429,7 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         slots = slots * state.slots.kind.max(axis=-1, keepdims=True)
         # Requested parts in their order, then the others in that of the design.
         places = np.where(state.requested, state.order, MAX_PARTS)
-        first = np.argsort(places, axis=-1, kind="stable")
+        first = np.argsort(places, axis=-1, kind="stable")[..., : self.num_slots]
         slots = np.take_along_axis(slots, first[..., np.newaxis], axis=-2)
         joints = np.concatenate([state.positions, state.velocities], axis=-1) + noise[..., _ROBOT]
         parts = (joints, hand[..., :3] - robot_base(), hand[..., _TWO_COLUMNS], slots.reshape(*slots.shape[:-2], -1))

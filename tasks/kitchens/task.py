@@ -18,7 +18,7 @@ from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, in_order, order_of
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchens.certificates import certificate_of
-from kitchen_suite.tasks.kitchens.mdp import PARTS, SIZE, KitchensMDP, KitchensState, SlotSensors, noise_scale
+from kitchen_suite.tasks.kitchens.mdp import PARTS, KitchensMDP, KitchensState, SlotSensors, noise_scale, size
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.task import Completions, Highlighting, Metrics, PolicyInputs, ResetRequests, SuiteTask
 from kitchen_suite.tasks.variations import appearance
@@ -73,9 +73,15 @@ class PartRequests(ResetRequests):
     options = (REQUESTED,)
 
     def __init__(
-        self, scene: GeneratedKitchen, verbs: Sequence[str], count: object, allowed: Collection[str] | None = None
+        self,
+        scene: GeneratedKitchen,
+        verbs: Sequence[str],
+        count: object,
+        most: int = MAX_PARTS,
+        allowed: Collection[str] | None = None,
     ) -> None:
-        """Collects the tasks of some verbs in a kitchen, all or those allowed, of which episodes ask for some."""
+        """Collects the tasks of some verbs in a kitchen, all or those allowed; episodes ask for at most `most`."""
+        self._most = most
         self._slots: dict[str, tuple[int, bool]] = {}
         for k, (name, (_, part)) in enumerate(zip(scene.part_names, scene.parts, strict=True)):
             for verb in verbs:
@@ -92,6 +98,7 @@ class PartRequests(ResetRequests):
         # The first task of each part.
         slots = {k: (k, opens) for k, opens in reversed(self._slots.values())}
         self._draw = TaskDraw.make(count, len(slots))
+        self._check_count(self._draw.most)
         self._weights = np.isin(np.arange(MAX_PARTS), list(slots)).astype(np.float64)
         # Whether a part may be asked to be open, and to be closed.
         self._directions = np.zeros((2, MAX_PARTS), bool)
@@ -106,9 +113,14 @@ class PartRequests(ResetRequests):
             return None
         names = checks.unique_names(options[REQUESTED], REQUESTED)
         tasks = tuple(checks.choice(name, self.tasks, REQUESTED) for name in names)
+        self._check_count(len(tasks))
         if len({self._slots[task][0] for task in tasks}) < len(tasks):
             raise ValueError(f"{REQUESTED} must not ask to open and to close the same part, got {checks.shown(names)}")
         return tasks
+
+    def _check_count(self, count: int) -> None:
+        if count > self._most:
+            raise ValueError(f"num_slots must be at least {count}, the parts that are requested, got {self._most}")
 
     def follow(self, request: tuple[str, ...] | None) -> None:
         self._next = request
@@ -167,6 +179,7 @@ class KitchensTask(SuiteTask):
         verbs: Sequence[str] = ("open",),
         tasks_per_episode: int | Sequence[int] = 1,
         certified: bool = False,
+        num_slots: int = MAX_PARTS,
         reward: str = "sparse",
         robot_noise_ratio: float = 0.01,
         object_noise_ratio: float = 0.01,
@@ -180,6 +193,8 @@ class KitchensTask(SuiteTask):
           verbs: keys of `VERBS`; an episode asks for parts of these.
           tasks_per_episode: number of parts that an episode asks for, or a pair of the least and greatest number.
           certified: whether episodes ask only for what the scripted expert has completed, by the kitchen's certificate.
+          num_slots: number of slots that are observed, and greatest number of parts that an episode may ask for.
+            Requested parts come first, so with few slots a policy sees little of a kitchen but what it is asked for.
           reward: `sparse`, or `dense` or `dense_gain` as in the kitchen.
           robot_noise_ratio: scale of the noise of the robot's joints; 0 for none. The default is at most 1 mrad.
           object_noise_ratio: scale of the noise of handles and openings; 0 for none. The default is at most 2 mm, and
@@ -201,20 +216,22 @@ class KitchensTask(SuiteTask):
                 robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
                 object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
             ),
+            num_slots=checks.integer(num_slots, "num_slots", minimum=1, maximum=MAX_PARTS),
             is_dense=reward != "sparse",
             terminates_when_complete=reward not in CONTINUING,
         )
         super().__init__(scene, mdp, **observables)
         self._parts, self._names, self._words = scene.parts, scene.part_names, part_words(scene)
         allowed = certificate_of(scene.design).certified if checks.boolean(certified, "certified") else None
-        self.requests = PartRequests(scene, names, tasks_per_episode, allowed)
+        self.requests = PartRequests(scene, names, tasks_per_episode, mdp.num_slots, allowed)
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
         self.vary(handles=handles, home=HOME)
         parts = {name: observable.Generic(functools.partial(self._part, part)) for name, part in PARTS.items()}
         for part in parts.values():
             part.enabled = True
         self.observed = {**parts, **self.extra_observables}
-        self.policy_inputs = PolicyInputs(names=(type(self).__name__,), state_size=SIZE + self.extra_size)
+        state_size = size(mdp.num_slots) + self.extra_size
+        self.policy_inputs = PolicyInputs(names=(type(self).__name__,), state_size=state_size)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:

@@ -13,7 +13,7 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Vector
-from kitchen_suite.entities.designs import KitchenDesign, build_generated_kitchen
+from kitchen_suite.entities.designs import MAX_PARTS, KitchenDesign, build_generated_kitchen
 from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
 from kitchen_suite.entities.props import Prop
 from kitchen_suite.entities.scenes import robot_base
@@ -39,7 +39,7 @@ from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchens import mdp
-from kitchen_suite.tasks.kitchens.mdp import PARTS, SIZE, SLOT_PARTS, SLOT_SIZE, Slots, SlotSensors
+from kitchen_suite.tasks.kitchens.mdp import PARTS, SLOT_PARTS, SLOT_SIZE, Slots, SlotSensors, size
 from kitchen_suite.tasks.kitchens.task import KitchensTask
 
 # Openings at which the expert leaves a part, some noise beyond those that count.
@@ -123,12 +123,12 @@ class PartExpert(Expert):
     """Does the tasks that a generated kitchen's observation asks for, one after the other; repeats those that fail."""
 
     control_modes = CONTROL_MODES
-    observation_size = SIZE
 
     def __init__(
         self,
         design: KitchenDesign,
         *,
+        num_slots: int = MAX_PARTS,
         style: MotionStyle | None = None,
         control_mode: str = "joint_velocity",
         **control_options: Any,
@@ -137,16 +137,17 @@ class PartExpert(Expert):
 
         Args:
           design: of the kitchen.
+          num_slots: number of slots that are observed.
           style: speed, noise and jitter of the motions.
           control_mode: the environment's.
           **control_options: arguments of the control mode: the environment's.
         """
-        self._kitchen = _kitchen(design)
+        self._kitchen, self.observation_size = _kitchen(design), size(num_slots)
         super().__init__(style, make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model()))
 
     @classmethod
     def _task_settings(cls, task: KitchensTask) -> dict[str, Any]:
-        return {"design": task.scene.design}
+        return {"design": task.scene.design, "num_slots": task.mdp.num_slots}
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
