@@ -81,6 +81,30 @@ def test_the_parts_of_observation_slots_and_noise_are_end_to_end():
     assert (SIZE, NOISE_SIZE) == (363, 82)
 
 
+def test_fewer_slots_are_the_first_ones():
+    full, few = load("any_2"), load("any_2", num_slots=2)
+    observed = []
+    for environment in (full, few):
+        environment.reset()
+        observed.append(environment.step(np.full(9, 0.1)).observation)
+    assert few.task.requested_tasks == full.task.requested_tasks
+    assert few.observation_spec()["slots"].shape == (2 * SLOT_SIZE,)
+    assert observed[1].keys() == observed[0].keys()
+    for key, value in observed[1].items():
+        np.testing.assert_array_equal(value, observed[0][key][: value.size])
+    assert few.task.policy_inputs.size == sum(value.size for value in observed[1].values()) < SIZE
+
+
+def test_what_is_requested_has_a_slot():
+    with refused(ValueError, "num_slots must be at least 4, the parts that are requested, got 3"):
+        load("any_4", num_slots=3)
+    with refused(ValueError, "num_slots must be at most 16"):
+        load(num_slots=17)
+    requests = load(num_slots=1).task.requests
+    with refused(ValueError, "num_slots must be at least 2"):
+        requests.checked({"requested_tasks": ["turn_on hood_1/light_switch", "open tall_door_1/left_door"]})
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_task_is_for_the_parts_of_its_kinds(verb):
     environment = load(verb)
