@@ -250,7 +250,7 @@ def _check_apart(one: Placed, other: Placed) -> None:
 def _in_reach(design: KitchenDesign) -> KitchenDesign:
     """Returns a design; raises a ValueError if the arm is too short for one of its handles."""
     # An end of a bar may be nearer than its middle.
-    shoulder, reach = robot_base() + (0.0, 0.0, _SHOULDER), _REACH + BAR_HALF_LENGTH
+    shoulder, reach = np.add(robot_base(), (0.0, 0.0, _SHOULDER)), _REACH + BAR_HALF_LENGTH
     for placed in design.placed:
         kind = KINDS[placed.design.kind]
         prop = kind.build(placed.design, STYLES[design.style], False, placed.name)
