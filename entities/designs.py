@@ -248,27 +248,22 @@ def _check_apart(one: Placed, other: Placed) -> None:
 
 
 def _in_reach(design: KitchenDesign) -> KitchenDesign:
+    """Returns a design; raises a ValueError if the arm is too short for one of its handles."""
+    # An end of a bar may be nearer than its middle.
+    shoulder, reach = np.add(robot_base(), (0.0, 0.0, _SHOULDER)), _REACH + BAR_HALF_LENGTH
     for placed in design.placed:
-        _check_reach(placed)
+        kind = KINDS[placed.design.kind]
+        prop = kind.build(placed.design, STYLES[design.style], False, placed.name)
+        physics = mjcf.Physics.from_mjcf_model(prop.mjcf_model)
+        for part in kind.parts_of(prop):
+            site = physics.bind(prop.mjcf_model.find("site", part.handle))
+            distance = np.linalg.norm(placed.in_world(np.add(kind.origin, site.xpos)) - shoulder)
+            if distance > reach:
+                raise ValueError(
+                    f"{placed.path} ({placed.design.kind}) has {part.joint} out of reach: {distance:.2f} m from the "
+                    f"robot's shoulder, at most {reach:.2f} m"
+                )
     return design
-
-
-def _check_reach(placed: Placed) -> None:
-    """Raises a ValueError if the arm is too short for a handle of a fixture."""
-    kind = KINDS[placed.design.kind]
-    prop = kind.build(placed.design, next(iter(STYLES.values())), False, placed.name)
-    physics = mjcf.Physics.from_mjcf_model(prop.mjcf_model)
-    for part in kind.parts_of(prop):
-        site = physics.bind(prop.mjcf_model.find("site", part.handle))
-        handle = placed.in_world(np.add(kind.origin, site.xpos))
-        distance = np.linalg.norm(handle - robot_base() - (0.0, 0.0, _SHOULDER))
-        # An end of a bar may be nearer than its middle.
-        if distance > _REACH + BAR_HALF_LENGTH:
-            name, reach = part.joint or part.handle, _REACH + BAR_HALF_LENGTH
-            raise ValueError(
-                f"{placed.path} ({placed.design.kind}) has {name} out of reach: {distance:.2f} m from the robot's "
-                f"shoulder, at most {reach:.2f} m"
-            )
 
 
 def _read(path: Path) -> Any:

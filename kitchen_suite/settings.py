@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kitchen_suite import checks, files, suite
-from kitchen_suite.names import EXACT, PHYSICS
+from kitchen_suite.names import PHYSICS
 
 if TYPE_CHECKING:
     from kitchen_suite.workers.cluster import RaySettings
@@ -92,7 +92,9 @@ control_mode_flag = functools.partial(
     "Meaning of the action, such as joint_position or ee_delta_pose; see docs/guide/control_modes.md.",
     unset="the domain's",
 )
-physics_flag = functools.partial(flag, "exact, or fast: longer steps, for training.", choices=PHYSICS, unset=EXACT)
+physics_flag = functools.partial(
+    flag, "exact, or fast: longer steps, for training.", choices=PHYSICS, unset="the domain's"
+)
 variations_flag = functools.partial(
     flag,
     "Groups of parameters that vary from episode to episode, such as start,dynamics; or distributions by parameter, as "

@@ -23,16 +23,7 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ActionEncoder, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
-from kitchen_suite.policies.experts.kitchen_skills import (
-    AT_RESET,
-    BACK,
-    DOWN,
-    FIXED_KNOB_ANGLE,
-    FIXED_SKILLS,
-    KNOB_ANGLE,
-    SKILLS,
-    direction,
-)
+from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, BACK, DOWN, FIXED_SKILLS, SKILLS, direction
 from kitchen_suite.policies.experts.skills import ArcMove, Array, HandOrientation, Move, Prismatic, Revolute, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory
 from kitchen_suite.tasks.control_modes.modes import make_mode
@@ -355,17 +346,14 @@ class _Kitchen:
 
         Also returns at how many joint positions it touches something. The way goes by places near the robot, if it can.
         """
-        best: tuple[list[Array], int] | None = None
+        found: list[tuple[list[Array], int]] = []
         for tuck in _TUCKS:
             near = [_tucked(joints, tuck, turns_hand) for joints in (start, end)]
             for path in (near, near[:1], near[1:], []):
-                touches = self._touches([start, *path, end], target, opening, self._all)
-                if best is None or touches < best[1]:
-                    best = path, touches
-                if not touches:
-                    return best
-        assert best is not None
-        return best
+                found.append((path, self._touches([start, *path, end], target, opening, self._all)))
+                if not found[-1][1]:
+                    return found[-1]
+        return min(found, key=lambda each: each[1])
 
     def _touches(self, knots: list[Array], target: Target, opening: float, among: NDArray[np.bool_]) -> int:
         """Returns at how many joint positions, `(7,)` and between them, the robot touches something or itself.
@@ -440,14 +428,11 @@ class _Kitchen:
             seeds = (*seeds[1:2], seeds[0], *seeds[2:])
             angles = itertools.product(_KNOB_YAWS, _KNOB_PITCHES) if turns_hand else [(0.0, 0.0)]
             for seed, (yaw, pitch) in itertools.product(seeds, angles):
-                hand, mirrored = AT_RESET, AT_RESET
-                if turns_hand:
-                    hand, mirrored = (
-                        HandOrientation(approach=direction(each, pitch), spread=DOWN) for each in (yaw, -yaw)
-                    )
+                turned = (HandOrientation(approach=direction(each, pitch), spread=DOWN) for each in (yaw, -yaw))
+                hand, mirrored = turned if turns_hand else (AT_RESET, AT_RESET)
                 aimed = _aimed(seed, self.slots.position[k])
                 if target.opens:
-                    angle = KNOB_ANGLE if turns_hand else FIXED_KNOB_ANGLE
+                    angle = kitchen_skills.KNOB_ANGLE if turns_hand else kitchen_skills.FIXED_KNOB_ANGLE
                     yield Motion.of(kitchen_skills.turn_knob(x, height, hand, angle), frame, position, aimed)
                     continue
                 # Around the lower end from the left, or against the upper end from the right.
