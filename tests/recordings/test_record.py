@@ -230,13 +230,16 @@ def test_an_interrupt_keeps_the_finished_episodes_and_the_same_command_completes
 
 
 def test_the_bar_counts_episodes_and_successes(run, monkeypatch):
-    shown = []
+    shown, begin = [], tqdm.tqdm.__init__
 
-    class Bar(tqdm.tqdm):
-        def display(self, *args, **kwargs):
-            shown.append((self.n, self.total, self.postfix))
+    def begin_at_once(bar, **settings):
+        begin(bar, **settings | {"disable": False, "mininterval": 0})
 
-    monkeypatch.setattr(report, "tqdm", lambda **settings: Bar(**settings | {"disable": False, "mininterval": 0}))
+    def display(bar, *args, **kwargs):
+        shown.append((bar.n, bar.total, bar.postfix))
+
+    monkeypatch.setattr(report.EpisodeBar.__base__, "__init__", begin_at_once)
+    monkeypatch.setattr(report.EpisodeBar, "display", display)
     # So great that every task is complete after one step.
     easy = '--task_kwargs={"threshold": 9}'
     assert run("--output=runs", "--num_episodes=2", "--num_envs=1", easy)[0] == 0
