@@ -233,7 +233,9 @@ class Motion(NamedTuple):
 
     def led(self, kinematics: ArmKinematics) -> Self:
         """Returns this motion in the posture to which the arm comes on a straight way from near the robot."""
-        end = self.moved_frame @ self.skill.moves[0].pose
+        first = self.skill.moves[0]
+        assert isinstance(first, Move), "skills begin in free space"
+        end = self.moved_frame @ first.pose
         joints = np.array(_aimed(_tuck(_TUCKS[0]), end.translation()))
         start = kinematics.forward(joints)
         for share in np.linspace(0.1, 1.0, 10):
