@@ -13,12 +13,14 @@ from kitchen_suite import checks
 from kitchen_suite.entities import appearance, assets
 from kitchen_suite.entities import props as kitchen_props
 from kitchen_suite.entities.appearance import Surface
+from kitchen_suite.entities.arms import FRANKA, make_robot
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.franka_specs import PANDA
 from kitchen_suite.entities.joints import position_sizes
 from kitchen_suite.entities.parameters import POSITION_OFFSET, SLIDING_FRICTION_SCALE, Parameter, scale
 from kitchen_suite.entities.props import Microwave, Prop
+from kitchen_suite.entities.robot import PHYSICS_OPTIONS, Arm, ArmSpec, Robot
 from kitchen_suite.names import EXACT, FAST, PHYSICS
 
 # Radius of the pedestal in generated kitchens [m].
@@ -115,16 +117,16 @@ class Scene:
 
     Attributes:
       arena: the arena, with everything else attached to it.
-      robot: the Franka.
+      robot: the Franka, or another arm in the kitchen.
       props: the objects by name, in the order in which their joints are observed.
     """
 
     arena: SiteArena
-    robot: Franka
+    robot: Robot
     props: Mapping[str, Prop]
 
     @classmethod
-    def furnish(cls, arena: SiteArena, robot: Franka, props: Iterable[Prop]) -> Self:
+    def furnish(cls, arena: SiteArena, robot: Robot, props: Iterable[Prop]) -> Self:
         """Attaches a robot and props, in the order of observation, at the arena's sites of their names."""
         by_name = {prop.mjcf_model.model: prop for prop in props}
         arena.attach_at_site(robot)
@@ -235,6 +237,13 @@ class KitchenArena(SiteArena):
         offset = Parameter(name="pedestal/offset", unit="m", type=POSITION_OFFSET, elements=(pedestal,))
         return (*super().parameters, offset)
 
+    def attach_at_site(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
+        """Attaches an entity as `SiteArena` does; other arms than the Franka where their specification says."""
+        if isinstance(entity, Arm):
+            where, site = entity.specification, self._mjcf_root.find("site", FRANKA)
+            site.set_attributes(name=where.name, pos=where.base_pos, quat=where.base_quat)
+        return super().attach_at_site(entity, free=free)
+
 
 class GeneratedKitchenArena(KitchenArena):
     """The kitchen's arena without furniture, with a floor that suits counters of usual height, and walls by design."""
@@ -271,19 +280,22 @@ class GeneratedKitchenArena(KitchenArena):
         self._mjcf_root.worldbody.add("geom", name=name, contype=0, conaffinity=0, mass=0, **shape, **attributes)
 
 
-def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:
+def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False, robot: str | ArmSpec = FRANKA) -> Scene:
     """Builds the kitchen of FrankaKitchen-v1, whose props have 21 positions and 20 velocities.
 
     Args:
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
       sleep: whether objects at rest are left out of the physics until something touches them, which is faster still;
         trajectories are then nearly the same (see `SiteArena.enable_sleep`).
+      robot: `franka`, or another arm as of `arms.make_robot`, with which the options of the physics are others.
     """
-    arena, robot = KitchenArena(visuals=visuals), Franka(visuals=visuals)
+    arena, arm = KitchenArena(visuals=visuals), make_robot(robot, visuals=visuals)
+    if isinstance(arm, Arm):
+        arena.mjcf_model.option.set_attributes(**PHYSICS_OPTIONS)
     if checks.boolean(sleep, "sleep"):
         arena.enable_sleep()
-    scene = Scene.furnish(arena, robot, [prop(visuals=visuals) for prop in _PROPS])
-    exclude_base_contacts(arena, robot)
+    scene = Scene.furnish(arena, arm, [prop(visuals=visuals) for prop in _PROPS])
+    exclude_base_contacts(arena, arm)
     return scene
 
 
@@ -292,13 +304,14 @@ def in_observed_order(by_prop: Mapping[str, Sequence[float]]) -> list[float]:
     return [number for name in OBSERVED_PROPS for number in by_prop[name]]
 
 
-def exclude_base_contacts(arena: KitchenArena, robot: Franka) -> None:
+def exclude_base_contacts(arena: KitchenArena, robot: Robot) -> None:
     """Excludes contacts between the robot's base and its first link, which saves collision checks.
 
     They are 1 mm apart at every joint angle. MuJoCo itself excludes contacts between parent and child bodies, but not
     where the parent is fixed to the world.
     """
-    base, first = (robot.mjcf_model.find("body", name) for name in ("link0", "link1"))
+    first = robot.joints[0].parent
+    base = first.parent
     arena.mjcf_model.contact.add("exclude", name="base_and_first_link", body1=base, body2=first)
 
 

@@ -266,7 +266,7 @@ class LeRobotPlan(DatasetPlan):
                 fps,
                 dataset_features(observations.features),
                 root=elsewhere,
-                robot_type="franka",
+                robot_type=inner.composer_task.robot.mjcf_model.model,
                 use_videos=False,
                 video_backend=_VIDEO_BACKEND,
             )

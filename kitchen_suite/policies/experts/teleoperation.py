@@ -106,7 +106,8 @@ class Teleoperation(Expert):
         """Takes the pose of the hand from an observation, to which nudges are relative."""
         checked = checks.vector(observation, self.observation_size, "observation")
         positions = self.robot_positions(checked)
-        self._hand, self.fingers = self._kinematics.forward(positions[:7]), positions[7:]
+        arm = self._kinematics.arm
+        self._hand, self.fingers = self._kinematics.forward(positions[arm]), positions[arm.stop :]
 
     def robot_positions(self, observation: Array) -> Array:
         return self._expert.robot_positions(observation)
