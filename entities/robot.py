@@ -3,13 +3,13 @@
 import abc
 import dataclasses
 import functools
+import importlib
 import importlib.util
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import mujoco
 import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
@@ -237,6 +237,16 @@ def package_folder(package: str, install: str) -> Path:
     if spec is None or not spec.submodule_search_locations:
         raise FileNotFoundError(f"this robot's model comes with the package {package}, which is missing: {install}")
     return Path(next(iter(spec.submodule_search_locations)))
+
+
+def menagerie_file(model: str, file: str) -> Path:
+    """Returns a file of MuJoCo Menagerie, which the package mujoco-menagerie downloads on first use.
+
+    Where the variable MENAGERIE_ROOT names a copy of Menagerie's folder, nothing is downloaded.
+    """
+    package_folder("mujoco_menagerie", "pip install 'kitchen-suite[arms]'")
+    folder: Path = importlib.import_module("mujoco_menagerie").get(model).path()
+    return folder / file
 
 
 def load_mjcf(path: Path) -> mjcf.RootElement:

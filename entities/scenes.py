@@ -26,6 +26,9 @@ from kitchen_suite.names import EXACT, FAST, PHYSICS
 # Radius of the pedestal in generated kitchens [m].
 _PEDESTAL_RADIUS = 0.05
 
+# Radius of the plinth on the pedestal below a robot that stands higher [m].
+_PLINTH_RADIUS = 0.09
+
 # Height of the floor of generated kitchens [m]: their counters are 0.9 m above it.
 FLOOR = 0.82
 
@@ -158,7 +161,8 @@ class Scene:
             return
         arena = self.arena
         if arena.fast_physics is None:
-            raise ValueError(f"the scene {arena.mjcf_model.model!r} has no physics {FAST!r}")
+            name, robot = arena.mjcf_model.model, self.robot.mjcf_model.model
+            raise ValueError(f"the scene {name!r} has no physics {FAST!r} with robot {robot!r}")
         arena.enable_sleep()
         options = dataclasses.asdict(arena.fast_physics)
         arena.mjcf_model.option.flag.refsafe = "enable" if options.pop("refsafe") else "disable"
@@ -242,6 +246,10 @@ class KitchenArena(SiteArena):
         if isinstance(entity, Arm):
             where, site = entity.specification, self._mjcf_root.find("site", FRANKA)
             site.set_attributes(name=where.name, pos=where.base_pos, quat=where.base_quat)
+            x, y, height = where.base_pos
+            if height > 0.0:
+                shape = {"type": "cylinder", "size": (_PLINTH_RADIUS, height / 2), "pos": (x, y, height / 2)}
+                site.parent.add("geom", name="plinth", **shape)
         return super().attach_at_site(entity, free=free)
 
 
@@ -292,6 +300,8 @@ def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False, robot: str
     arena, arm = KitchenArena(visuals=visuals), make_robot(robot, visuals=visuals)
     if isinstance(arm, Arm):
         arena.mjcf_model.option.set_attributes(**PHYSICS_OPTIONS)
+        # Their hands are not stable with longer steps.
+        arena.fast_physics = None
     if checks.boolean(sleep, "sleep"):
         arena.enable_sleep()
     scene = Scene.furnish(arena, arm, [prop(visuals=visuals) for prop in _PROPS])

@@ -28,7 +28,9 @@ def make_robot(robot: str | ArmSpec, *, visuals: bool = True) -> Robot:
     specification: object = robot
     if not isinstance(robot, ArmSpec):
         is_own = isinstance(robot, str) and ":" in robot
-        specification = checks.imported(robot if is_own else ARMS[checks.choice(robot, (FRANKA, *ARMS), "robot")], "robot")
+        specification = checks.imported(
+            robot if is_own else ARMS[checks.choice(robot, (FRANKA, *ARMS), "robot")], "robot"
+        )
     if not isinstance(specification, ArmSpec):
         raise ValueError(f"robot {checks.shown(robot)} must be an ArmSpec, got {checks.shown(specification)}")
     return Arm(specification, visuals=visuals)

@@ -5,6 +5,8 @@ from dm_control import mjcf
 from kitchen_suite.entities.franka_specs import PANDA as PUBLISHED
 from kitchen_suite.entities.robot import ArmSpec, load_mjcf, package_folder
 
+_SERVOS = {f"joint{number}": f"actuator{number}" for number in range(1, 8)}
+
 
 def _arm() -> mjcf.RootElement:
     # Without what gym-hil needs, which wants an older MuJoCo.
@@ -29,12 +31,13 @@ def _arm() -> mjcf.RootElement:
 PANDA = ArmSpec(
     name="panda",
     arm=_arm,
-    servos={f"joint{number}": f"actuator{number}" for number in range(1, 8)},
+    servos=_SERVOS,
     hand_actuators=("fingers_actuator",),
     closed=255.0,
     open=0.0,
     tool="base",
     tool_pos=(0.0, 0.0, 0.12),
-    tool_quat=(1.0, 0.0, 0.0, 0.0),
-    home={f"joint{number}": 0.0 for number in range(1, 8)},
+    tool_quat=(0.0, 0.0, 0.0, 1.0),
+    # The hand is where the Franka's is.
+    home=dict(zip(_SERVOS, (-0.0893, -0.9113, 1.9231, -2.4063, -0.75, 2.0054, -0.0025), strict=True)),
 )

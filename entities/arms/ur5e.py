@@ -6,7 +6,9 @@ from dm_control import mjcf
 
 from kitchen_suite.entities.robot import ArmSpec, load_mjcf, package_folder
 
-_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+_SERVOS = {
+    f"{name}_joint": name for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+}
 
 
 def _folder() -> Path:
@@ -25,12 +27,15 @@ UR5E = ArmSpec(
     name="ur5e",
     arm=_arm,
     hand=_hand,
-    servos={f"{joint}_joint": joint for joint in _JOINTS},
+    servos=_SERVOS,
     hand_actuators=("robotiq_2f85/fingers_actuator",),
     closed=255.0,
     open=0.0,
     tool="robotiq_2f85/base",
     tool_pos=(0.0, 0.0, 0.12),
     tool_quat=(1.0, 0.0, 0.0, 0.0),
-    home={f"{joint}_joint": 0.0 for joint in _JOINTS},
+    # The hand is where the Franka's is.
+    home=dict(zip(_SERVOS, (-2.7055, -2.8021, -1.856, 1.4095, -0.5114, 0.0617), strict=True)),
+    # On a plinth, so that its shoulder is as high as the Franka's, a little further from the counter.
+    base_pos=(-0.05, 0.0, 0.2),
 )

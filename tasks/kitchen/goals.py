@@ -35,7 +35,7 @@ INITIAL_QPOS = np.array([*KITCHEN_FRANKA.home, *in_observed_order(_OBJECTS)])
 
 
 def initial_qpos(robot: Robot) -> NDArray[np.float64]:
-    """Returns the positions of a robot's joints, then of the objects', at the start of an episode [rad, m, quaternion]."""
+    """Returns the positions of robot and objects at the start of an episode [rad, m, quaternion]."""
     return np.array([*robot.home, *in_observed_order(_OBJECTS)])
 
 

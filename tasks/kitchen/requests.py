@@ -239,10 +239,10 @@ class TaskRequests(ResetRequests):
                 f"{GOAL_STATES} cannot be chosen, as none is observed: build the environment with goal_states, their "
                 "number"
             )
-        size = self._state_size
+        count, size = self._goal_states, self._state_size
         return Request(
             order=None if tasks is None else requested_order(tasks, self._goals.tasks),
-            goal_states=None if goal_states is None else checked_states(goal_states, self._goal_states, size, GOAL_STATES),
+            goal_states=None if goal_states is None else checked_states(goal_states, count, size, GOAL_STATES),
             start_state=None if start is None else checked_states([start], 1, size, START_STATE),
         )
 

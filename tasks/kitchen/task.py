@@ -139,7 +139,7 @@ class KitchenTask(SuiteTask):
         if not (isinstance(scene.robot, Franka) or isinstance(mode, EndEffectorMode)):
             modes = [name for name in self.control_modes if name.startswith("ee_")]
             name = scene.robot.mjcf_model.model
-            raise ValueError(f"robot {name!r} needs one of the control modes {modes}, got control_mode={control_mode!r}")
+            raise ValueError(f"robot {name!r} needs one of the control modes {modes}, got {control_mode!r}")
         mdp = KitchenMDP(
             sensors=sensors,
             action_mode=mode,

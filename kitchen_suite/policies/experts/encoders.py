@@ -216,7 +216,9 @@ class DeltaPositionEncoder(_DeltaEncoder):
     def applied(self, positions: Array, action: Array) -> None:
         offset = rotations.rotated(self._axes(), self._step * action[:3])
         moved = self._commanded._replace(position=self._commanded.position + offset)
-        self._commanded = moved.near(self._pose(positions[self.arm.kinematics.arm]))._replace(orientation=moved.orientation)
+        self._commanded = moved.near(self._pose(positions[self.arm.kinematics.arm]))._replace(
+            orientation=moved.orientation
+        )
 
 
 class DeltaPoseEncoder(_DeltaEncoder):

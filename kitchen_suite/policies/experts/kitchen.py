@@ -23,7 +23,13 @@ from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Move, Prismatic, Skill
-from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan, plan_retreat
+from kitchen_suite.policies.experts.trajectories import (
+    OUT_OF_REACH,
+    JointSpeedLimits,
+    JointTrajectory,
+    plan,
+    plan_retreat,
+)
 from kitchen_suite.tasks import observables
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import GoalSet, StrictSuccess, Thresholds, make_success
@@ -62,6 +68,8 @@ POSES = {task: f"{goal.prop}/pose" for task, goal in GOALS.items() if goal.prop 
 
 # Poses from which the search for an arm's posture begins, beside that of the start; more find no others.
 _SEARCHES = 60
+# Angle below which the hand does not turn on the way to the first pose [rad].
+_SAME_ANGLE = 0.02
 # Greatest number of postures whose motions are planned.
 _MOST_POSTURES = 12
 
@@ -294,8 +302,8 @@ def _seeded(skill: Skill, robot: str | ArmSpec) -> Skill:
 def _posture(skill: Skill, robot: str | ArmSpec) -> tuple[float, ...]:
     """Searches joint positions of another arm for the first motion of a skill, from which all others follow [rad].
 
-    Of those with which the hand reaches all poses, it is the one with the fewest contacts of the arm on the way, and the
-    nearest to the start.
+    Of those with which the hand reaches all poses, it is the one with the fewest contacts of the arm on the way, and
+    the nearest to the start. A hand that does not turn takes the arm along in one way only.
     """
     arm, home = arm_model(robot), _home(robot)
     kinematics, generator = arm.kinematics, np.random.default_rng(0)
@@ -303,9 +311,12 @@ def _posture(skill: Skill, robot: str | ArmSpec) -> tuple[float, ...]:
     joint = skill.object_joint
     position = np.array(joint.initial_position) if isinstance(joint, Prismatic) else np.zeros(1)
     limits = JointSpeedLimits(joint_speed=arm.joint_speed, timestep=arm.timestep)
-    starts = [home, *(home + generator.uniform(-np.pi, np.pi, (_SEARCHES, home.size)))]
-    found: list[Array] = []
-    for start in starts:
+    here, found, along = kinematics.forward(home), [], home
+    for share in np.linspace(0.0, 1.0, 12):
+        along = kinematics.inverse(here.interpolate(first, alpha=share), start=along)
+    if np.linalg.norm((here.rotation().inverse() @ first.rotation()).log()) < _SAME_ANGLE:
+        return tuple(along.tolist())
+    for start in (along, home, *(home + generator.uniform(-np.pi, np.pi, (_SEARCHES, home.size)))):
         joints = kinematics.inverse(first, start=start)
         error = (kinematics.forward(joints).inverse() @ first).log()
         if np.abs(error).max() < OUT_OF_REACH and all(np.abs(joints - other).max() > 0.3 for other in found):
@@ -382,9 +393,7 @@ class ObservedLayout:
         return _pose(extras[self.slices[name]]) @ _default_poses(self._robot)[name].inverse()
 
 
-def needed_observables(
-    tasks: Collection[str], varied: Collection[str], base: str = f"{FRANKA}/base_pose"
-) -> list[str]:
+def needed_observables(tasks: Collection[str], varied: Collection[str], base: str = f"{FRANKA}/base_pose") -> list[str]:
     """Returns the names of the poses that the expert must observe for its tasks where parameters vary."""
     owners = {name.partition("/")[0] for name in varied if name.endswith(("/offset", "/yaw"))}
     needed = {POSES[task] for task in tasks if task in POSES and GOALS[task].prop in owners}
