@@ -14,6 +14,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
+from kitchen_suite import checks
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.franka_specs import JointActuator
@@ -187,10 +188,28 @@ def _prepared(model: mjcf.RootElement, visuals: bool) -> mjcf.RootElement:
     for kind in _OF_SCENES:
         for element in model.find_all(kind, exclude_attachments=True):
             element.remove()
+    _fix_inertia(model)
     for options in (model.option, model.visual, model.statistic, model.size):
         options.remove()
     (assets.split_visual_geoms if visuals else assets.remove_visuals)(model)
     return model
+
+
+def _fix_inertia(model: mjcf.RootElement) -> None:
+    """States the inertia of bodies whose geoms have no class and no group.
+
+    MuJoCo computes it from the groups 3 to 5 alone in the kitchen, and geoms are in group 0 by default.
+    """
+    bodies = [
+        body
+        for body in model.find_all("body", exclude_attachments=True)
+        if body.geom and body.inertial is None and not any(geom.dclass or geom.group for geom in body.geom)
+    ]
+    physics = mjcf.Physics.from_mjcf_model(model) if bodies else None
+    for body in bodies:
+        row = physics.bind(body)
+        inertial = {"mass": row.mass, "pos": row.ipos, "quat": row.iquat, "diaginertia": row.inertia}
+        body.add("inertial", **inertial)
 
 
 @functools.cache
@@ -228,24 +247,28 @@ def _servos(specification: ArmSpec) -> tuple[JointActuator, ...]:
     )
 
 
-def package_folder(package: str, install: str) -> Path:
-    """Returns the folder of an installed package without importing it.
+def package_folder(package: str, robot: str, install: str = checks.install_command("arms")) -> Path:
+    """Returns the folder of a package, without importing it, that has the model of a robot.
 
-    Raises a FileNotFoundError with the command to `install` it if it is missing.
+    Raises an ImportError with the command to `install` it if it is missing.
     """
     spec = importlib.util.find_spec(package)
     if spec is None or not spec.submodule_search_locations:
-        raise FileNotFoundError(f"this robot's model comes with the package {package}, which is missing: {install}")
+        raise ImportError(f"robot {robot!r} needs {package}: {install}")
     return Path(next(iter(spec.submodule_search_locations)))
 
 
-def menagerie_file(model: str, file: str) -> Path:
-    """Returns a file of MuJoCo Menagerie, which the package mujoco-menagerie downloads on first use.
+def menagerie_file(model: str, file: str, robot: str) -> Path:
+    """Returns a file of MuJoCo Menagerie for a robot; the package mujoco-menagerie downloads its folder on first use.
 
     Where the variable MENAGERIE_ROOT names a copy of Menagerie's folder, nothing is downloaded.
     """
-    package_folder("mujoco_menagerie", "pip install 'kitchen-suite[arms]'")
-    folder: Path = importlib.import_module("mujoco_menagerie").get(model).path()
+    package_folder("mujoco_menagerie", robot)
+    menagerie = importlib.import_module("mujoco_menagerie")
+    try:
+        folder: Path = menagerie.get(model).path()
+    except menagerie.MenagerieError as error:
+        raise OSError(f"robot {robot!r} needs the folder {model} of MuJoCo Menagerie: {error}") from error
     return folder / file
 
 

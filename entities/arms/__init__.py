@@ -21,7 +21,7 @@ def make_robot(robot: str | ArmSpec, *, visuals: bool = True) -> Robot:
 
     Raises:
       ValueError: there is no such robot.
-      FileNotFoundError: the package with its model is missing.
+      ImportError: the package with its model is missing.
     """
     if robot == FRANKA:
         return Franka(visuals=visuals)

@@ -8,11 +8,11 @@ _SERVOS = {f"fr3_joint{number}": f"fr3_joint{number}" for number in range(1, 8)}
 
 
 def _arm() -> mjcf.RootElement:
-    return load_mjcf(menagerie_file("franka_fr3", "fr3.xml"))
+    return load_mjcf(menagerie_file("franka_fr3", "fr3.xml", "fr3"))
 
 
 def _hand() -> mjcf.RootElement:
-    return load_mjcf(menagerie_file("franka_emika_panda", "hand.xml"))
+    return load_mjcf(menagerie_file("franka_emika_panda", "hand.xml", "fr3"))
 
 
 FR3 = ArmSpec(

@@ -10,7 +10,7 @@ _SERVOS = {f"joint{number}": f"actuator{number}" for number in range(1, 8)}
 
 def _arm() -> mjcf.RootElement:
     # Without what gym-hil needs, which wants an older MuJoCo.
-    folder = package_folder("gym_hil", "pip install --no-deps 'gym-hil>=0.1.14'")
+    folder = package_folder("gym_hil", "panda", "pip install --no-deps 'gym-hil>=0.1.14'")
     model = load_mjcf(folder / "assets" / "panda.xml")
     # Its arm has motors in place of position servos.
     for number, link in enumerate(PUBLISHED.links, start=1):

@@ -12,7 +12,7 @@ _SERVOS = {
 
 
 def _folder() -> Path:
-    return package_folder("ogbench", "pip install 'kitchen-suite[arms]'") / "manipspace" / "descriptions"
+    return package_folder("ogbench", "ur5e") / "manipspace" / "descriptions"
 
 
 def _arm() -> mjcf.RootElement:

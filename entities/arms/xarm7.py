@@ -8,7 +8,7 @@ _SERVOS = {f"joint{number}": f"act{number}" for number in range(1, 8)}
 
 
 def _arm() -> mjcf.RootElement:
-    return load_mjcf(menagerie_file("ufactory_xarm7", "xarm7.xml"))
+    return load_mjcf(menagerie_file("ufactory_xarm7", "xarm7.xml", "xarm7"))
 
 
 XARM7 = ArmSpec(

@@ -81,9 +81,8 @@ def relay_observations(environment: SuiteEnv, episode: EpisodeArrays) -> NDArray
     for number, name in enumerate(task.mdp.goals.tasks):
         if (key := f"observation/desired_goal/{name}") in arrays:
             elements = task.scene.elements(GOALS[name].prop, GOALS[name].joints)
-            goals[:, parts.robot_positions.stop + elements] = arrays[key] * (
-                1.0 if requested is None else requested[:, [number]]
-            )
+            wanted = 1.0 if requested is None else requested[:, [number]]
+            goals[:, parts.robot_positions.stop + elements] = arrays[key] * wanted
     return np.concatenate([observations[:, parts.positions], goals], axis=1)
 
 

@@ -154,7 +154,7 @@ class Gripper:
         self._count = len(robot.actuators) - robot.arm_size
 
     def target(self, action: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the targets of the hand's actuators, `(..., 2)` of the Franka [m], for an action `(..., 1)` in [-1, 1]."""
+        """Returns the targets of the hand's actuators, `(..., 2)` of the Franka [m], for an action `(..., 1)`."""
         middle, half = (self.closed + self.open) / 2.0, (self.closed - self.open) / 2.0
         return np.repeat(middle + half * action, self._count, axis=-1)
 
