@@ -20,9 +20,6 @@ from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.franka_specs import JointActuator
 from kitchen_suite.entities.joints import JointObservables
 
-# Parts of the MJCF of others that belong to its own scene.
-_OF_SCENES = ("light", "sensor", "key")
-
 Quaternion = tuple[float, float, float, float]
 
 
@@ -185,7 +182,7 @@ class Arm(Robot):
 
 def _prepared(model: mjcf.RootElement, visuals: bool) -> mjcf.RootElement:
     """Returns a model without what belongs to a scene of its own, with visual geoms only where they are wanted."""
-    for kind in _OF_SCENES:
+    for kind in ("light", "sensor", "key"):
         for element in model.find_all(kind, exclude_attachments=True):
             element.remove()
     _fix_inertia(model)
@@ -222,29 +219,18 @@ def _servos(specification: ArmSpec) -> tuple[JointActuator, ...]:
     for name, bias in zip(specification.servos.values(), servos.biasprm, strict=True):
         if bias[1] >= 0.0:
             raise ValueError(f"actuator {name!r} of robot {specification.name!r} must be a position servo")
-    return tuple(
-        JointActuator(
-            joint=name,
-            range=tuple(limits.tolist()),
-            damping=float(damping),
-            armature=float(armature),
-            gain=float(gain[0]),
-            velocity_gain=float(-bias[2]),
-            force=float(force[1]),
-            control_range=tuple(targets.tolist()),
-        )
-        for name, limits, damping, armature, gain, bias, force, targets in zip(
-            specification.servos,
-            joints.range,
-            physics.model.dof_damping[joints.dofadr],
-            physics.model.dof_armature[joints.dofadr],
-            servos.gainprm,
-            servos.biasprm,
-            servos.forcerange,
-            servos.ctrlrange,
-            strict=True,
-        )
-    )
+    columns = {
+        "joint": specification.servos,
+        "range": map(tuple, joints.range.tolist()),
+        "damping": physics.model.dof_damping[joints.dofadr].tolist(),
+        "armature": physics.model.dof_armature[joints.dofadr].tolist(),
+        "gain": servos.gainprm[:, 0].tolist(),
+        "velocity_gain": (-servos.biasprm[:, 2]).tolist(),
+        "force": servos.forcerange[:, 1].tolist(),
+        "control_range": map(tuple, servos.ctrlrange.tolist()),
+    }
+    rows = zip(*columns.values(), strict=True)
+    return tuple(JointActuator(**dict(zip(columns, row, strict=True))) for row in rows)
 
 
 def package_folder(package: str, robot: str, install: str = checks.install_command("arms")) -> Path:

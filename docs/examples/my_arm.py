@@ -27,7 +27,8 @@ MJCF = """
           <body pos="0 0 0.5"> <joint name="c" axis="0 1 0"/> <geom fromto="0 0 0.1 0 0 0.2"/>
             <body pos="0 0 0.25"> <joint name="d" axis="0 0 1"/> <geom fromto="0 0 0.04 0 0 0.1"/>
               <body pos="0 0 0.2"> <joint name="e" axis="0 1 0"/> <geom size="0.035" fromto="0 0 0 0 0 0.02"/>
-                <body name="hand" pos="0 0 0.12"> <joint name="f" axis="0 0 1"/> <geom size="0.03" fromto="0 0 -0.05 0 0 0"/>
+                <body name="hand" pos="0 0 0.12">
+                  <joint name="f" axis="0 0 1"/> <geom size="0.03" fromto="0 0 -0.05 0 0 0"/>
                   <body childclass="finger" pos="0 0.008 0.05"> <joint name="left" axis="0 1 0"/> <geom/> </body>
                   <body childclass="finger" pos="0 -0.008 0.05"> <joint name="right" axis="0 -1 0"/> <geom/> </body>
                 </body>

@@ -575,7 +575,7 @@ def fast_experts_table() -> str:
 
 
 def arms_table() -> str:
-    """Returns the tables of the expert with other arms: the seven tasks in all modes of the end effector, and others."""
+    """Returns the tables of the expert with other arms: the seven tasks in all modes, and the others in one."""
     rows = read_results("arms")
     columns = [*dict.fromkeys((row["robot"], row["mode"]) for row in rows)]
     cells = {(row["task"], row["robot"], row["mode"]): _of_episodes(row) for row in rows}
