@@ -202,7 +202,9 @@ def _fix_inertia(model: mjcf.RootElement) -> None:
         for body in model.find_all("body", exclude_attachments=True)
         if body.geom and body.inertial is None and not any(geom.dclass or geom.group for geom in body.geom)
     ]
-    physics = mjcf.Physics.from_mjcf_model(model) if bodies else None
+    if not bodies:
+        return
+    physics = mjcf.Physics.from_mjcf_model(model)
     for body in bodies:
         row = physics.bind(body)
         inertial = {"mass": row.mass, "pos": row.ipos, "quat": row.iquat, "diaginertia": row.inertia}

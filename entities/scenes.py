@@ -232,7 +232,7 @@ class KitchenArena(SiteArena):
     default_name = "kitchen"
     surfaces: Sequence[Surface] = appearance.KITCHEN
     # A sixth of a control step.
-    fast_physics = FastPhysics(timestep=0.08 / 6)
+    fast_physics: FastPhysics | None = FastPhysics(timestep=0.08 / 6)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

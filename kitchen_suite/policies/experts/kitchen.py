@@ -311,7 +311,8 @@ def _posture(skill: Skill, robot: str | ArmSpec) -> tuple[float, ...]:
     joint = skill.object_joint
     position = np.array(joint.initial_position) if isinstance(joint, Prismatic) else np.zeros(1)
     limits = JointSpeedLimits(joint_speed=arm.joint_speed, timestep=arm.timestep)
-    here, found, along = kinematics.forward(home), [], home
+    here, along = kinematics.forward(home), home
+    found: list[Array] = []
     for share in np.linspace(0.0, 1.0, 12):
         along = kinematics.inverse(here.interpolate(first, alpha=share), start=along)
     if np.linalg.norm((here.rotation().inverse() @ first.rotation()).log()) < _SAME_ANGLE:
