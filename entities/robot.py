@@ -90,7 +90,7 @@ class ArmSpec:
       closed: target of each of them that closes the hand, in its unit.
       open: target that opens it.
       tool: body to which the end effector's site is fixed.
-      tool_pos: position of the site in its frame, 0.05 m before the tips of the fingers [m].
+      tool_pos: position of the site in its frame, 0.04 to 0.05 m before the tips of the fingers [m].
       tool_quat: orientation of the site; its z axis is the direction of approach, the fingers move along y.
       home: positions of joints at the start of an episode, by joint; those left out are 0 [rad, m].
       hand: loads the MJCF of a hand that is attached at the arm's site `mount`; None where the arm has one.

@@ -1,9 +1,9 @@
 """Measures the successes of the scripted expert with other arms in the kitchen.
 
-`python docs/experiments/arms.py` plays 20 episodes of each of the seven tasks in `ee_delta_pose` and 10 in the other
-control modes of the end effector, and 3 of each further task in `ee_delta_pose`, with the arms that are tested, one
-after the other; it goes on where it was stopped. Rows are in results/arms.json, of which `python docs/scripts/tables.py` makes the tables of
-docs/guide/arms.md. It needs the extras `experts` and `arms`, and gym-hil.
+`python docs/experiments/arms.py` plays 20 episodes of each of the seven tasks in `ee_delta_pose` and 5 in the other
+control modes of the end effector, and 2 of each further task in `ee_delta_pose`, with the arms that are tested, one
+after the other; it goes on where it was stopped. Rows are in results/arms.json, of which `python
+docs/scripts/tables.py` makes the tables of docs/guide/arms.md. It needs the extras `experts` and `arms`, and gym-hil.
 """
 
 import json
@@ -20,8 +20,8 @@ from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 RESULTS = Path(__file__).resolve().parent / "results" / "arms.json"
 ROBOTS = ("panda", "ur5e")
 # Numbers of episodes by mode, and of a further task.
-EPISODES = {"ee_delta_pose": 20, "ee_pose": 10, "ee_delta_position": 10}
-FURTHER_MODE, FURTHER_EPISODES = "ee_delta_pose", 3
+EPISODES = {"ee_delta_pose": 20, "ee_pose": 5, "ee_delta_position": 5}
+FURTHER_MODE, FURTHER_EPISODES = "ee_delta_pose", 2
 # Seeds that were not used for tuning.
 FIRST_SEED = 30_000
 

@@ -22,7 +22,7 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
-from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Move, Prismatic, Skill
+from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import (
     OUT_OF_REACH,
     JointSpeedLimits,
@@ -265,7 +265,7 @@ class KitchenExpert(Expert):
 
     def _plan_skill(self, skill: Skill, position: Array | None, frame: mink.SE3 | None) -> JointTrajectory:
         offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
-        skill = _seeded(skill, self._robot)
+        skill = _seeded(skill, self._robot, position)
         return plan(self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets)
 
     def _achieved(self, task: str, observation: Array) -> Array:
@@ -290,16 +290,19 @@ def _cached_plan(
 ) -> JointTrajectory:
     """Trajectory of a skill without jitter; cached, as it is the same in nearly all episodes."""
     position = None if object_position is None else np.array(object_position)
-    return plan(arm_model(robot).kinematics, limits, _seeded(skill, robot), object_position=position)
+    return plan(arm_model(robot).kinematics, limits, _seeded(skill, robot, position), object_position=position)
 
 
-def _seeded(skill: Skill, robot: str | ArmSpec) -> Skill:
-    """Returns a skill whose `ik_seed` is of a robot; that of skills is the Franka's."""
-    return skill if robot == FRANKA else dataclasses.replace(skill, ik_seed=_posture(skill, robot))
+def _seeded(skill: Skill, robot: str | ArmSpec, position: Array | None) -> Skill:
+    """Returns a skill whose `ik_seed` is of a robot, for a position of its object; that of skills is the Franka's."""
+    if robot == FRANKA:
+        return skill
+    rounded = None if position is None else tuple(position.round(1).tolist())
+    return dataclasses.replace(skill, ik_seed=_posture(skill, robot, rounded))
 
 
 @functools.cache
-def _posture(skill: Skill, robot: str | ArmSpec) -> tuple[float, ...]:
+def _posture(skill: Skill, robot: str | ArmSpec, object_position: tuple[float, ...] | None) -> tuple[float, ...]:
     """Searches joint positions of another arm for the first motion of a skill, from which all others follow [rad].
 
     Of those with which the hand reaches all poses, it is the one with the fewest contacts of the arm on the way, and
@@ -308,8 +311,9 @@ def _posture(skill: Skill, robot: str | ArmSpec) -> tuple[float, ...]:
     arm, home = arm_model(robot), _home(robot)
     kinematics, generator = arm.kinematics, np.random.default_rng(0)
     first = next(move for move in skill.moves if isinstance(move, Move)).pose
-    joint = skill.object_joint
-    position = np.array(joint.initial_position) if isinstance(joint, Prismatic) else np.zeros(1)
+    position = None if object_position is None else np.array(object_position)
+    if skill.object_joint and position is not None:
+        first = skill.object_joint.displacement(position) @ first
     limits = JointSpeedLimits(joint_speed=arm.joint_speed, timestep=arm.timestep)
     here, along = kinematics.forward(home), home
     found: list[Array] = []
