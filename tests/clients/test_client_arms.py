@@ -68,5 +68,5 @@ def test_episodes_are_recorded_replayed_and_evaluated(robot, tmp_path, monkeypat
     common = ["--domain_name=kitchen", "--task_name=kettle", "--policy=expert", f"--task_kwargs={arguments}"]
     assert COMMANDS["record"].main([*common, "--num_episodes=2", "--output=episodes"]) == 0
     assert COMMANDS["replay"].main(["episodes"]) == 0
-    assert COMMANDS["evaluate"].main([*common, "--protocol=native", "--num_episodes=2", "--output=result"]) == 0
+    assert COMMANDS["evaluate"].main([*common, "--protocol=default", "--num_episodes=2", "--output=result"]) == 0
     assert "100" in capsys.readouterr().out
