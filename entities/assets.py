@@ -103,7 +103,7 @@ def split_visual_geoms(model: mjcf.RootElement) -> None:
 
 
 def is_visual(geom: mjcf.Element) -> bool:
-    """Whether a geom is only for rendering: the name of its default class begins with `visual`."""
+    """Whether a geom is only for rendering: the name of its default class, or the last part, begins with `visual`."""
     # A string where the model has no such class.
     name = getattr(geom.dclass, "dclass", geom.dclass)
-    return name is not None and name.startswith("visual")
+    return name is not None and name.rpartition("\\")[2].startswith("visual")

@@ -7,8 +7,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
+from numpy.typing import NDArray
 
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.franka_specs import KITCHEN_FRANKA, Finger, FrankaSpec, Inertia, JointActuator
@@ -21,6 +23,7 @@ from kitchen_suite.entities.parameters import (
     displacement,
     scale,
 )
+from kitchen_suite.entities.robot import Robot
 
 # Of the visual geoms: red, green and blue from 0 to 1.
 COLOR = (0.94, 0.935, 0.92)
@@ -29,7 +32,7 @@ COLOR = (0.94, 0.935, 0.92)
 SHADES: Mapping[str, float] = MappingProxyType({"link7": 0.5, "hand": 0.5, "left_finger": 0.5, "right_finger": 0.5})
 
 
-class Franka(assets.NamedEntity):
+class Franka(Robot):
     """The arm with its hand; its base is at the entity's origin and faces +x."""
 
     def _build(self, specification: FrankaSpec = KITCHEN_FRANKA, *, visuals: bool = True, name: str = "franka") -> None:
@@ -55,6 +58,26 @@ class Franka(assets.NamedEntity):
     def specification(self) -> FrankaSpec:
         """Parameters of the robot."""
         return self._specification
+
+    @property
+    def arm_size(self) -> int:
+        return len(self._specification.links)
+
+    @property
+    def home(self) -> tuple[float, ...]:
+        return self._specification.home
+
+    @property
+    def grip(self) -> tuple[float, float]:
+        closed, opened = self._specification.joint_limits[:, -1]
+        return closed, opened
+
+    @property
+    def fingers(self) -> tuple[mjcf.Element, ...]:
+        return self.joints[-2:]
+
+    def holding_targets(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        return positions
 
     @property
     def joint_actuators(self) -> tuple[JointActuator, ...]:

@@ -112,6 +112,7 @@ class FrankaSpec:
         hand.
       hand_camera: MJCF attributes of the camera `hand` before the hand, in the frame of link 7; it looks at the finger
         tips.
+      home: positions of the joints at the start of an episode in the kitchen [rad, m].
     """
 
     base_inertia: Inertia
@@ -126,6 +127,7 @@ class FrankaSpec:
     end_effector: Attributes
     wrist_camera: Attributes
     hand_camera: Attributes
+    home: tuple[float, ...] = ()
 
     @property
     def joint_actuators(self) -> tuple[JointActuator, ...]:
@@ -255,6 +257,10 @@ KITCHEN_FRANKA = FrankaSpec(
     wrist_camera={"pos": (0.06, -0.06, 0.09), "xyaxes": (1, 1, 0, 0.64, -0.64, 0.427), "fovy": 75},
     # 0.11 m before the hand, looking at a point 0.08 m beyond the finger tips, with the hand at the lower edge.
     hand_camera={"pos": (0.0778, -0.0778, 0.137), "xyaxes": (1, 1, 0, 0.57, -0.57, 0.59), "fovy": 80},
+    home=(
+        *(0.148388023, -1.76848573, 1.84390296, -2.4768576, 0.260252026, 0.712533105, 1.59515394),
+        *(0.0479267505, 0.0371350919),
+    ),
 )
 """The specification of the Franka of FrankaKitchen-v1."""
 

@@ -14,16 +14,21 @@ from kitchen_suite import checks
 from kitchen_suite.entities import appearance, assets
 from kitchen_suite.entities import props as kitchen_props
 from kitchen_suite.entities.appearance import Surface
+from kitchen_suite.entities.arms import FRANKA, make_robot
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.franka_specs import PANDA
 from kitchen_suite.entities.joints import position_sizes
 from kitchen_suite.entities.parameters import POSITION_OFFSET, SLIDING_FRICTION_SCALE, Parameter, scale
 from kitchen_suite.entities.props import Microwave, Prop
+from kitchen_suite.entities.robot import PHYSICS_OPTIONS, Arm, ArmSpec, Robot
 from kitchen_suite.names import EXACT, FAST, PHYSICS
 
 # Radius of the pedestal in generated kitchens [m].
 _PEDESTAL_RADIUS = 0.05
+
+# Radius of the plinth on the pedestal below a robot that stands higher [m].
+_PLINTH_RADIUS = 0.09
 
 # Height of the floor of generated kitchens [m]: their counters are 0.9 m above it.
 FLOOR = 0.82
@@ -116,16 +121,16 @@ class Scene:
 
     Attributes:
       arena: the arena, with everything else attached to it.
-      robot: the Franka.
+      robot: the Franka, or another arm in the kitchen.
       props: the objects by name, in the order in which their joints are observed.
     """
 
     arena: SiteArena
-    robot: Franka
+    robot: Robot
     props: Mapping[str, Prop]
 
     @classmethod
-    def furnish(cls, arena: SiteArena, robot: Franka, props: Iterable[Prop]) -> Self:
+    def furnish(cls, arena: SiteArena, robot: Robot, props: Iterable[Prop]) -> Self:
         """Attaches a robot and props, in the order of observation, at the arena's sites of their names."""
         by_name = {prop.mjcf_model.model: prop for prop in props}
         arena.attach_at_site(robot)
@@ -157,7 +162,8 @@ class Scene:
             return
         arena = self.arena
         if arena.fast_physics is None:
-            raise ValueError(f"the scene {arena.mjcf_model.model!r} has no physics {FAST!r}")
+            name, robot = arena.mjcf_model.model, self.robot.mjcf_model.model
+            raise ValueError(f"the scene {name!r} has no physics {FAST!r} with robot {robot!r}")
         arena.enable_sleep()
         options = dataclasses.asdict(arena.fast_physics)
         arena.mjcf_model.option.flag.refsafe = "enable" if options.pop("refsafe") else "disable"
@@ -225,7 +231,7 @@ class KitchenArena(SiteArena):
     default_name = "kitchen"
     surfaces: Sequence[Surface] = appearance.KITCHEN
     # A sixth of a control step.
-    fast_physics = FastPhysics(timestep=0.08 / 6)
+    fast_physics: FastPhysics | None = FastPhysics(timestep=0.08 / 6)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -233,6 +239,17 @@ class KitchenArena(SiteArena):
         pedestal = self._mjcf_root.find("body", "pedestal")
         offset = Parameter(name="pedestal/offset", unit="m", type=POSITION_OFFSET, elements=(pedestal,))
         return (*super().parameters, offset)
+
+    def attach_at_site(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
+        """Attaches an entity as `SiteArena` does; other arms than the Franka where their specification says."""
+        if isinstance(entity, Arm):
+            where, site = entity.specification, self._mjcf_root.find("site", FRANKA)
+            site.set_attributes(name=where.name, pos=where.base_pos, quat=where.base_quat)
+            x, y, height = where.base_pos
+            if height > 0.0:
+                shape = {"type": "cylinder", "size": (_PLINTH_RADIUS, height / 2), "pos": (x, y, height / 2)}
+                site.parent.add("geom", name="plinth", **shape)
+        return super().attach_at_site(entity, free=free)
 
 
 class GeneratedKitchenArena(KitchenArena):
@@ -278,19 +295,24 @@ def robot_base() -> NDArray[np.float64]:
     return position
 
 
-def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:
+def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False, robot: str | ArmSpec = FRANKA) -> Scene:
     """Builds the kitchen of FrankaKitchen-v1, whose props have 21 positions and 20 velocities.
 
     Args:
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
       sleep: whether objects at rest are left out of the physics until something touches them, which is faster still;
         trajectories are then nearly the same (see `SiteArena.enable_sleep`).
+      robot: `franka`, or another arm as of `arms.make_robot`, with which the options of the physics are others.
     """
-    arena, robot = KitchenArena(visuals=visuals), Franka(visuals=visuals)
+    arena, arm = KitchenArena(visuals=visuals), make_robot(robot, visuals=visuals)
+    if isinstance(arm, Arm):
+        arena.mjcf_model.option.set_attributes(**PHYSICS_OPTIONS)
+        # Their hands are not stable with longer steps.
+        arena.fast_physics = None
     if checks.boolean(sleep, "sleep"):
         arena.enable_sleep()
-    scene = Scene.furnish(arena, robot, [prop(visuals=visuals) for prop in _PROPS])
-    exclude_base_contacts(arena, robot)
+    scene = Scene.furnish(arena, arm, [prop(visuals=visuals) for prop in _PROPS])
+    exclude_base_contacts(arena, arm)
     return scene
 
 
@@ -299,13 +321,14 @@ def in_observed_order(by_prop: Mapping[str, Sequence[float]]) -> list[float]:
     return [number for name in OBSERVED_PROPS for number in by_prop[name]]
 
 
-def exclude_base_contacts(arena: KitchenArena, robot: Franka) -> None:
+def exclude_base_contacts(arena: KitchenArena, robot: Robot) -> None:
     """Excludes contacts between the robot's base and its first link, which saves collision checks.
 
     They are 1 mm apart at every joint angle. MuJoCo itself excludes contacts between parent and child bodies, but not
     where the parent is fixed to the world.
     """
-    base, first = (robot.mjcf_model.find("body", name) for name in ("link0", "link1"))
+    first = robot.joints[0].parent
+    base = first.parent
     arena.mjcf_model.contact.add("exclude", name="base_and_first_link", body1=base, body2=first)
 
 

@@ -19,8 +19,8 @@ from dm_env import specs
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.joints import addresses
+from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet
 
@@ -147,7 +147,7 @@ class FeatureSensors:
     # Sensors are evaluated from the positions and velocities after the step.
     stage = mujoco.mjtStage.mjSTAGE_VEL
 
-    def __init__(self, root: mjcf.RootElement, robot: Franka) -> None:
+    def __init__(self, root: mjcf.RootElement, robot: Robot) -> None:
         """Prepares to add sensors to the model of an arena, which is not yet compiled, with the robot that acts."""
         self._sensors, self._robot = root.sensor, robot
         self._by_feature: dict[str, tuple[list[mjcf.Element], slice]] = {}
@@ -252,10 +252,10 @@ class ActionMode(abc.ABC):
         return self.stage != mujoco.mjtStage.mjSTAGE_NONE
 
     @abc.abstractmethod
-    def spec(self, robot: Franka) -> specs.Array:
+    def spec(self, robot: Robot) -> specs.Array:
         """Returns the action's spec."""
 
-    def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:  # noqa: B027
+    def bind(self, physics: mjcf.Physics, robot: Robot, timestep: float) -> None:  # noqa: B027
         """Looks up what control reads of a robot in a compiled scene; `timestep` is the control step's [s]."""
 
     def check(self, action: NDArray[np.float64]) -> None:  # noqa: B027

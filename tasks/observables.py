@@ -43,7 +43,14 @@ class ExtraObservable:
 def offered(scene: Scene) -> dict[str, ExtraObservable]:
     """Returns the quantities of a scene's robot and props by observation key, those of the robot first."""
     robot, hand = scene.robot.mjcf_model.full_identifier, scene.robot.end_effector
-    fingers = tuple(("jointpos", joint) for joint in scene.robot.joints[-2:])
+    fingers = tuple(("jointpos", joint) for joint in scene.robot.fingers)
+    width = ExtraObservable(
+        content="distance between the fingers [m], the sum of their joint positions",
+        size=1,
+        sensors=fingers,
+        of_robot=True,
+        combine=lambda values: values[..., :1] + values[..., 1:],
+    )
     of_robot = {
         f"{robot}end_effector_pose": ExtraObservable(
             content="position [m] and quaternion w, x, y, z of the point between the finger tips, in the world",
@@ -57,13 +64,7 @@ def offered(scene: Scene) -> dict[str, ExtraObservable]:
             sensors=(("framelinvel", hand), ("frameangvel", hand)),
             of_robot=True,
         ),
-        f"{robot}gripper_width": ExtraObservable(
-            content="distance between the fingers [m], the sum of their joint positions",
-            size=1,
-            sensors=fingers,
-            of_robot=True,
-            combine=lambda values: values[..., :1] + values[..., 1:],
-        ),
+        **({f"{robot}gripper_width": width} if fingers else {}),
         f"{robot}base_pose": dataclasses.replace(_pose(scene.robot, "the robot's base"), of_robot=True),
     }
     of_handles = {}

@@ -85,8 +85,8 @@ class Pusher:
 
     Attributes:
       arm: the arm's joints.
-      low: `(7,)`, lower ends of their ranges [rad].
-      high: `(7,)`, upper ends [rad].
+      low: `(k,)`, lower ends of their ranges [rad].
+      high: `(k,)`, upper ends [rad].
       tasks: joints of each of `n` tasks that can be undone.
       complete: returns which of these `(..., n)` are complete in a state of the MDP.
     """
@@ -100,7 +100,7 @@ class Pusher:
     @classmethod
     def make(cls, physics: mjcf.Physics, scene: Scene, mdp: MDP) -> Self:
         """Looks up joints in a compiled scene; those of its robot begin with the arm's."""
-        arm = scene.robot.joints[:_ARM]
+        arm = scene.robot.joints[: scene.robot.arm_size]
         low, high = np.array(physics.bind(arm).range).T
         tasks = [_Joints(*addresses(physics, joints)) for joints in mdp.task_joints(scene)]
         return cls(_Joints(*addresses(physics, arm)), low, high, tasks, mdp.complete)
@@ -125,7 +125,7 @@ class Pusher:
         is_due = (push.due > 0) & (push.steps == np.floor(push.due))
         if is_due.any():
             undoes = self._undo(simulation, push, is_due & push.undoes, state)
-            positions = simulation.read("qpos", self.arm.qpos) + push.offsets
+            positions = simulation.read("qpos", self.arm.qpos) + push.offsets[..., : self.low.size]
             self.arm.move(simulation, is_due & ~undoes, np.clip(positions, self.low, self.high))
             simulation.evaluate()
         return push._replace(steps=push.steps + 1)

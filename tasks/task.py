@@ -478,7 +478,7 @@ class SuiteTask(composer.Task):
         positions = np.array(self._simulation.read("qpos", self._joint_columns))
         values = self.variations.randomizer.values
         start = EpisodeState(
-            sensing=Sensing.start(values, mdp, positions),
+            sensing=Sensing.start(values, mdp, self.robot.holding_targets(positions)),
             push=self.pusher.start(values, self._simulation),
             variation=self.variations.info,
         )

@@ -21,6 +21,7 @@ PRINTED = {
     "pixels": r"franka_hand: uint8 \(128, 128, 3\), mean \d+\.\d",
     "variations": r"held_out: 28 parameters vary",
     "record_and_replay": r"2 of 2 episodes are equal",
+    "my_arm": r"\(8,\) \{'microwave': \d+\}",
     "own_task": r"step 30: 0\.0\d+ m away, reward 0\.\d+",
     "imitate": r"success: (0\.[5-9]|1\.0)",
     "imitate_pictures": r"p1 +100\.0 %.*",
@@ -33,6 +34,7 @@ SERVER = "policy_server"
 MARKS = {
     "pixels": [pytest.mark.rendering],
     "record_and_replay": [pytest.mark.thorough],
+    "my_arm": [pytest.mark.thorough],
     "imitate": [pytest.mark.clients],
     "imitate_pictures": [pytest.mark.clients, pytest.mark.rendering, pytest.mark.slow],
 }

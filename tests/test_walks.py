@@ -14,14 +14,15 @@ CEILINGS = {
     # Raised for offline learning: an undirected expert, transitions, methods, their learner.
     # Raised for generated kitchens: fixtures, designs, task, MDP, certificates, expert, domain, vectors; and for
     # policies on a server. Lowered where all measurements are in one file.
-    "files of source": 188,
+    # Raised for other arms: a robot's interface, and one file for each arm.
+    "files of source": 194,
     # 27,500 when the house was built. Hard trials of files, arguments and rendering, and an expert, took more; so did
     # an expert that takes over from a policy, pushes, and policies from pictures.
     # Raised for receipts, their verification, the doctor and the protocols of the literature.
     # Raised for teleoperation, for kitchen-convert in both directions, for light in web scenes, for offline learning;
     # lowered where these were made shorter. Raised for generated kitchens with their certificates, and for policies
-    # on a server. Lowered to the limit of the house, 36,000, and below.
-    "lines of source": 35_400,
+    # on a server. Lowered to the limit of the house, 36,000; raised for other arms.
+    "lines of source": 36_000,
 }
 
 

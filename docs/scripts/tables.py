@@ -707,9 +707,9 @@ def _arguments(protocol: Protocol) -> str:
     return ", ".join(f"`{name}={json.dumps(value)}`" for name, value in arguments.items()) or "none"
 
 
-def my_task() -> str:
-    """Returns the example of a task of one's own."""
-    return f"```python\n{(DOCS / 'examples' / 'my_task.py').read_text(encoding='utf-8')}```\n"
+def example(name: str, marks: str = "") -> str:
+    """Returns a script of docs/examples, with the marks of its block."""
+    return f"```python{marks}\n{(DOCS / 'examples' / f'{name}.py').read_text(encoding='utf-8')}```\n"
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -736,7 +736,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "presets": preset_table,
     "protocols": protocol_table,
     "protocol_differences": protocol_differences,
-    "my_task": my_task,
+    "my_task": functools.partial(example, "my_task"),
+    "my_arm": functools.partial(example, "my_arm", " thorough"),
     "fixtures": fixture_table,
     "kitchens_tasks": functools.partial(task_table, "kitchens"),
     "kitchens_observation": functools.partial(part_table, kitchens.PARTS, _KITCHENS_CONTENT),

@@ -20,8 +20,8 @@ from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
-from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS, SIZE
-from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, RENDER_GOAL, REQUESTED, STATE_SIZE, TASK_ID
+from kitchen_suite.tasks.kitchen.observation import Parts
+from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, RENDER_GOAL, REQUESTED, TASK_ID
 from kitchen_suite.tasks.observables import shown_at
 
 with contextlib.redirect_stderr(io.StringIO()):
@@ -40,7 +40,9 @@ class KitchenObservations(observations.Observations):
     def __init__(self, environment: Environment, *args: Any, flat_goals: bool, **settings: Any) -> None:
         """Finds the parts; goals are one array each if `flat_goals`, otherwise dicts by task."""
         self._mdp, self._flat_goals = environment.task.mdp, flat_goals
-        super().__init__(environment, *args, **settings)
+        robot = environment.task.robot.mjcf_model.full_identifier
+        keys = (f"{robot}joint_positions", f"{robot}joint_velocities")
+        super().__init__(environment, *args, **{**settings, "robot_keys": keys})
 
     def goal_parts(self) -> dict[str, observations.Part]:
         goals = self._mdp.goals
@@ -62,7 +64,7 @@ class KitchenObservations(observations.Observations):
             part = observations.picture_part(shown)
             parts[GOAL_PIXELS] = part._replace(read=lambda flat, state, _: part.read(flat, state, self._shown(state)))
         if mdp.goal_states:
-            parts[GOAL_STATES] = self._request_part(GOAL_STATES, _unbounded((STATE_SIZE * mdp.goal_states,)))
+            parts[GOAL_STATES] = self._request_part(GOAL_STATES, _unbounded((mdp.initial_qpos.size * mdp.goal_states,)))
         if mdp.task_draw:
             space = spaces.Box(0.0, 1.0, (len(mdp.goals.tasks),), np.float64)
             parts[REQUESTED] = self._request_part(REQUESTED, space)
@@ -131,7 +133,6 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     default_domain = "kitchen"
     obs_types = tuple(observations.OBS_TYPES)
     default_cameras = ("workspace",)
-    robot_keys = ("franka/joint_positions", "franka/joint_velocities")
     observation_dtype = np.float64
     # The same as in FrankaKitchen-v1.
     free_camera = {"distance": 2.2, "azimuth": 70.0, "elevation": -35.0, "lookat": np.array([-0.2, 0.5, 2.0])}
@@ -212,7 +213,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             return {}
         goal = self.composer_task.mdp.goal_state(self.composer_task.state)
         pictures = {"goal_rendered": self.render_goal(goal)} if options.get(RENDER_GOAL) else {}
-        return {"goal": goal_observation(goal), **pictures}
+        return {"goal": goal_observation(goal, self.composer_task.mdp.sensors.parts), **pictures}
 
     def check_pictures(self, options: Mapping[str, Any]) -> None:
         if np.any(options.get(RENDER_GOAL)) and self.render_mode not in ("rgb_array", "depth_array"):
@@ -273,10 +274,10 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         return np.array(value) if self.info_format == "arrays" else value
 
 
-def goal_observation(goal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the observation `(..., 59)` of states of the kitchen `(..., 30)`, at rest and without noise."""
-    observation = np.zeros((*goal.shape[:-1], SIZE))
-    observation[..., np.r_[ROBOT_POSITIONS, OBJECT_POSITIONS]] = goal
+def goal_observation(goal: NDArray[np.float64], parts: Parts) -> NDArray[np.float64]:
+    """Returns the observation `(..., n)` of states of the kitchen `(..., k)`, at rest and without noise."""
+    observation = np.zeros((*goal.shape[:-1], parts.size))
+    observation[..., parts.positions] = goal
     return observation
 
 

@@ -15,15 +15,13 @@ from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS
+from kitchen_suite.tasks.kitchen.observation import FRANKA_PARTS
 
 # In an HDF5 file, greatest size of an array of one control step beside its contents [bytes].
 _OVERHEAD = 4096
 
 # The 30 positions of an observation, the robot's and then the objects'; Relay Policy Learning's 60 numbers begin so.
-POSITIONS = np.r_[ROBOT_POSITIONS, OBJECT_POSITIONS]
-
-_ROBOT = len(np.r_[ROBOT_POSITIONS])
+POSITIONS = FRANKA_PARTS.positions
 
 
 class D4RLPlan(ExportPlan):
@@ -71,16 +69,21 @@ class D4RLPlan(ExportPlan):
 
 
 def relay_observations(environment: SuiteEnv, episode: EpisodeArrays) -> NDArray[np.float64]:
-    """Returns observations of the kitchen `(T + 1, 60)`: 30 positions, and their goals, 0 where none is requested."""
+    """Returns observations of the kitchen `(T + 1, 60)`: 30 positions, and their goals, 0 where none is requested.
+
+    With another arm than the Franka they are more.
+    """
     task, arrays = environment.composer_task, episode.arrays
     requested = arrays.get("observation/requested_tasks")
     observations = arrays["observation/observation"]
-    goals = np.zeros((len(observations), POSITIONS.size))
+    parts = task.mdp.sensors.parts
+    goals = np.zeros((len(observations), parts.positions.size))
     for number, name in enumerate(task.mdp.goals.tasks):
         if (key := f"observation/desired_goal/{name}") in arrays:
             elements = task.scene.elements(GOALS[name].prop, GOALS[name].joints)
-            goals[:, _ROBOT + elements] = arrays[key] * (1.0 if requested is None else requested[:, [number]])
-    return np.concatenate([observations[:, POSITIONS], goals], axis=1)
+            wanted = 1.0 if requested is None else requested[:, [number]]
+            goals[:, parts.robot_positions.stop + elements] = arrays[key] * wanted
+    return np.concatenate([observations[:, parts.positions], goals], axis=1)
 
 
 def new_file(path: Path) -> Any:

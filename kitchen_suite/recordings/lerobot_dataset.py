@@ -253,7 +253,8 @@ class LeRobotPlan(DatasetPlan):
         observations, fps = LeRobotObservations(inner), frames_per_second(inner)
         with files.atomic_folder(self.path) as elsewhere, _quietly():
             features = dataset_features(observations.features)
-            options = {"robot_type": "franka", "use_videos": False, "video_backend": _VIDEO_BACKEND}
+            options = {"use_videos": False, "video_backend": _VIDEO_BACKEND}
+            options["robot_type"] = inner.composer_task.robot.mjcf_model.model
             dataset = self._library.LeRobotDataset.create(self.dataset_id, fps, features, root=elsewhere, **options)
             episodes = []
             for index in indices:

@@ -37,7 +37,7 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         if not wanted.any():
             return {}
         goals = self._mdp.goal_state(self._episodes.state.mdp_state)
-        infos: dict[str, Any] = {"goal": goal_observation(goals), "_goal": wanted}
+        infos: dict[str, Any] = {"goal": goal_observation(goals, self._mdp.sensors.parts), "_goal": wanted}
         infos["goal"][~wanted] = 0.0
         if rendered := [i for i in np.flatnonzero(wanted).tolist() if shown[i]]:
             pictures = {}

@@ -10,10 +10,10 @@ from dm_env import specs
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes import inverse_kinematics
-from kitchen_suite.tasks.control_modes.joints import ARM_SIZE, MAX_SPEED, ArmServos, Gripper
+from kitchen_suite.tasks.control_modes.joints import MAX_SPEED, ArmServos, Gripper
 from kitchen_suite.tasks.mdp import ActionMode, Simulation, as_columns, unit_spec
 
 # Time constant with which the end effector approaches its target: at least this long [s], and this many control steps.
@@ -42,7 +42,7 @@ class Arm:
       servos: of its joints.
     """
 
-    def __init__(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
+    def __init__(self, physics: mjcf.Physics, robot: Robot, timestep: float) -> None:
         """Looks up joints, end effector and base.
 
         Args:
@@ -52,7 +52,7 @@ class Arm:
         """
         self.servos = ArmServos(physics, robot)
         site, base = robot.end_effector, mjcf.get_attachment_frame(robot.mjcf_model)
-        self._joints = as_columns(physics.bind(robot.joints[:ARM_SIZE]).element_id)
+        self._joints = as_columns(physics.bind(robot.joints[: robot.arm_size]).element_id)
         self._site, self._body, self._base = (
             np.atleast_1d(physics.bind(element).element_id) for element in (site, site.parent, base)
         )
@@ -119,7 +119,7 @@ class EndEffectorMode(ActionMode):
     )
     stage = mujoco.mjtStage.mjSTAGE_VEL
 
-    def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
+    def bind(self, physics: mjcf.Physics, robot: Robot, timestep: float) -> None:
         self._arm, self._gripper, self._timestep = Arm(physics, robot, timestep), Gripper(robot), timestep
 
     def start(self, simulation: Simulation) -> PoseCommand:
@@ -184,7 +184,7 @@ class EndEffectorDeltaPosition(_DeltaMode):
         """Sets the speed that a unit of action stands for, at most 10 [m/s], and its axes' frame, `base` or `hand`."""
         super().__init__(linear_speed=linear_speed, frame=frame)
 
-    def spec(self, robot: Franka) -> specs.BoundedArray:
+    def spec(self, robot: Robot) -> specs.BoundedArray:
         """Velocity x, y, z as a share of `linear_speed`, and the gripper: +1 closed, -1 open; in [-1, 1]."""
         return unit_spec(["x", "y", "z", "gripper"])
 
@@ -211,7 +211,7 @@ class EndEffectorDeltaPose(_DeltaMode):
         super().__init__(linear_speed=linear_speed, frame=frame)
         self.angular_speed = checks.number(angular_speed, "angular_speed", positive=True, maximum=MAX_SPEED)
 
-    def spec(self, robot: Franka) -> specs.BoundedArray:
+    def spec(self, robot: Robot) -> specs.BoundedArray:
         """Velocity x, y, z as a share of `linear_speed`, rotation vector, gripper: +1 closed, -1 open; in [-1, 1]."""
         return unit_spec(["x", "y", "z", "rotation_x", "rotation_y", "rotation_z", "gripper"])
 
@@ -226,7 +226,7 @@ class EndEffectorPose(EndEffectorMode):
 
     name = "ee_pose"
 
-    def spec(self, robot: Franka) -> specs.BoundedArray:
+    def spec(self, robot: Robot) -> specs.BoundedArray:
         """Position x, y, z within 1 m of the base, quaternion w, x, y, z, gripper: +1 closed, -1 open; in [-1, 1]."""
         return unit_spec(["x", "y", "z", "quaternion_w", *(f"quaternion_{axis}" for axis in "xyz"), "gripper"])
 

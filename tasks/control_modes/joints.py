@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities import PANDA
 from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks.mdp import ActionMode, Simulation, as_columns, unit_spec
 
 GRIPPER_MODES = ("sampled", "deterministic")
@@ -120,13 +121,14 @@ class ArmServos:
       lag: `(7,)`, time constants with which the joints follow their targets [s].
     """
 
-    def __init__(self, physics: mjcf.Physics, robot: Franka) -> None:
+    def __init__(self, physics: mjcf.Physics, robot: Robot) -> None:
         """Looks up the joints of a robot in a compiled scene."""
-        actuators, joints = robot.joint_actuators[:ARM_SIZE], physics.bind(robot.joints[:ARM_SIZE])
-        self.low, self.high = robot.specification.joint_limits[:, :ARM_SIZE]
+        size = robot.arm_size
+        actuators, joints = robot.joint_actuators[:size], physics.bind(robot.joints[:size])
+        self.low, self.high = np.array([actuator.range for actuator in actuators]).T.copy()
         self._gain = np.array([actuator.gain for actuator in actuators])
         self.lag = np.array([actuator.damping + actuator.velocity_gain for actuator in actuators]) / self._gain
-        self._ctrl_low, self._ctrl_high = np.transpose(physics.bind(robot.actuators[:ARM_SIZE]).ctrlrange)
+        self._ctrl_low, self._ctrl_high = np.transpose(physics.bind(robot.actuators[:size]).ctrlrange)
         self._qpos, self._qvel = as_columns(joints.qposadr), as_columns(joints.dofadr)
 
     def positions(self, simulation: Simulation) -> NDArray[np.float64]:
@@ -144,16 +146,17 @@ class ArmServos:
 
 
 class Gripper:
-    """Both fingers, opened and closed by one number: +1 closed, -1 open, linear between."""
+    """The hand, opened and closed by one number: +1 closed, -1 open, linear between."""
 
-    def __init__(self, robot: Franka) -> None:
-        """Looks up the range of the fingers."""
-        self.closed, self.open = robot.specification.joint_limits[:, -1]
+    def __init__(self, robot: Robot) -> None:
+        """Looks up the targets of the hand's actuators."""
+        self.closed, self.open = robot.grip
+        self._count = len(robot.actuators) - robot.arm_size
 
     def target(self, action: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the targets `(..., 2)` of both fingers [m] for an action `(..., 1)` in [-1, 1]."""
+        """Returns the targets of the hand's actuators, `(..., 2)` of the Franka [m], for an action `(..., 1)`."""
         middle, half = (self.closed + self.open) / 2.0, (self.closed - self.open) / 2.0
-        return np.repeat(middle + half * action, 2, axis=-1)
+        return np.repeat(middle + half * action, self._count, axis=-1)
 
 
 class JointPosition(ActionMode):

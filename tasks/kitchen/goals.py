@@ -9,14 +9,12 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite.entities import Scene
+from kitchen_suite.entities import KITCHEN_FRANKA, Scene
 from kitchen_suite.entities.joints import addresses
+from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import JOINT_NAMES, in_observed_order
 from kitchen_suite.names import DEFAULT_TASKS, FURTHER_TASKS, REVERSES
 from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
-
-_ARM = (0.148388023, -1.76848573, 1.84390296, -2.4768576, 0.260252026, 0.712533105, 1.59515394)
-_FINGERS = (0.0479267505, 0.0371350919)
 
 # Positions of the joints by prop.
 _OBJECTS = {
@@ -33,7 +31,12 @@ _OBJECTS = {
     "kettle": (-0.26939744, 0.350383255, 1.61944683, 1.00618764, 0.0040639512, -0.00662095997, -0.000268278933),
 }
 
-INITIAL_QPOS = np.array([*_ARM, *_FINGERS, *in_observed_order(_OBJECTS)])
+INITIAL_QPOS = np.array([*KITCHEN_FRANKA.home, *in_observed_order(_OBJECTS)])
+
+
+def initial_qpos(robot: Robot) -> NDArray[np.float64]:
+    """Returns the positions of robot and objects at the start of an episode [rad, m, quaternion]."""
+    return np.array([*robot.home, *in_observed_order(_OBJECTS)])
 
 
 class Start(NamedTuple):

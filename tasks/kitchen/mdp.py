@@ -10,13 +10,10 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
-from kitchen_suite.tasks.kitchen import observation
-from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import (
     REQUESTED,
     REQUESTED_ORDER,
-    STATE_SIZE,
     Request,
     TaskDraw,
     counted_in_order,
@@ -107,6 +104,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       sensors: sensors of robot and objects.
       goals: the tasks, with their goals.
       noise_scale: `(59,)`, greatest noise of each element of the observation.
+      initial_qpos: `(30,)` with the Franka, positions of robot and objects at the start [rad, m, quaternion].
       success: decides which tasks are complete.
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
       remove_task_when_completed: whether a task is rewarded only once.
@@ -120,6 +118,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     sensors: KitchenSensors
     goals: GoalSet
     noise_scale: NDArray[np.float64]
+    initial_qpos: NDArray[np.float64]
     success: Success
     terminate_on_tasks_completed: bool
     remove_task_when_completed: bool
@@ -135,14 +134,14 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     @property
     def noise_parts(self) -> Mapping[str, slice]:
-        return observation.NOISE_PARTS
+        return self.sensors.parts.noise
 
     def initial_state(self, reading: KitchenReading, draws: NDArray[np.float64]) -> KitchenState:
         distances = self.goals.distances(reading.achieved)
         return KitchenState(
             noise=self.noise_scale * draws,
             positions=reading.positions,
-            target=reading.positions,
+            target=self.sensors.robot.holding_targets(reading.positions),
             achieved=reading.achieved,
             distances=distances,
             progress=Progress.initial(distances.shape),
@@ -171,7 +170,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def goal_state(self, state: KitchenState) -> NDArray[np.float64]:
         """Returns the last goal state `(..., 30)`; where none is observed, the start with the requested tasks done."""
         if state.goal_states is not None:
-            return state.goal_states[..., -STATE_SIZE:].copy()
+            return state.goal_states[..., -self.initial_qpos.size :].copy()
         masks = self.current_mask(state)
         return np.apply_along_axis(self._state_with, -1, masks)
 
@@ -180,7 +179,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         indices = self.sensors.indices
         elements = np.repeat(done, [len(goal.value) for goal in self.goals.goals])
         qpos = np.zeros(indices.state_qpos.max() + 1)
-        qpos[indices.state_qpos] = INITIAL_QPOS
+        qpos[indices.state_qpos] = self.initial_qpos
         qpos[indices.goal_qpos[elements]] = self.goals.desired[elements]
         return qpos[indices.state_qpos]
 

@@ -2,9 +2,10 @@
 
 import collections
 import functools
+import itertools
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import mujoco
 import numpy as np
@@ -38,27 +39,64 @@ _OBJECT_VELOCITIES = {
     "kettle": [*[0.005] * 3, *[0.1] * 3],
 }
 
-AMPLITUDES = np.array([*[0.1] * 18, *in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES)])
-
-# Number of elements of the observation.
-SIZE = AMPLITUDES.size
+_OBJECTS = (*in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES))
+AMPLITUDES = np.array([*[0.1] * 18, *_OBJECTS])
 
 # Greatest rounding error of recorded numbers, in single precision.
 ROUNDING = 1e-6
 
-# Parts of the observation, in order.
-ROBOT_POSITIONS, ROBOT_VELOCITIES = slice(0, 9), slice(9, 18)
-OBJECT_POSITIONS, OBJECT_VELOCITIES = slice(18, 39), slice(39, 59)
 
-# Parts of the observation whose noise varies as one.
-NOISE_PARTS = MappingProxyType({"robot_noise": slice(0, 18), "object_noise": slice(18, 59)})
+class Parts(NamedTuple):
+    """Parts of the observation, in order, for a robot of some number of joints.
+
+    Attributes:
+      robot_positions: of the robot's joints.
+      robot_velocities: of the robot's joints.
+      object_positions: of the objects' joints.
+      object_velocities: of the objects' joints.
+    """
+
+    robot_positions: slice
+    robot_velocities: slice
+    object_positions: slice
+    object_velocities: slice
+
+    @classmethod
+    def of(cls, joints: int) -> Self:
+        """Returns the parts for a robot of as many joints."""
+        stops = (0, joints, 2 * joints, 2 * joints + 21, 2 * joints + 41)
+        return cls(*(slice(start, stop) for start, stop in itertools.pairwise(stops)))
+
+    @property
+    def size(self) -> int:
+        """Number of elements of the observation."""
+        return int(self.object_velocities.stop)
+
+    @property
+    def positions(self) -> NDArray[np.int64]:
+        """Indices of all positions: a state of the kitchen."""
+        return np.r_[self.robot_positions, self.object_positions]
+
+    @property
+    def noise(self) -> Mapping[str, slice]:
+        """Parts whose noise varies as one."""
+        robot = self.robot_velocities.stop
+        return MappingProxyType({"robot_noise": slice(0, robot), "object_noise": slice(robot, self.size)})
 
 
-def noise_scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:
-    """Returns the greatest noise of each of the 59 elements of the observation, in its unit."""
-    ratios = np.full(SIZE, object_ratio)
-    ratios[NOISE_PARTS["robot_noise"]] = robot_ratio
-    return ratios * AMPLITUDES
+# Those of the Franka.
+ROBOT_POSITIONS, ROBOT_VELOCITIES, OBJECT_POSITIONS, OBJECT_VELOCITIES = FRANKA_PARTS = Parts.of(9)
+
+# Number of elements of the observation, with the Franka.
+SIZE = FRANKA_PARTS.size
+
+
+def noise_scale(parts: Parts = FRANKA_PARTS, *, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:
+    """Returns the greatest noise of each element of the observation, in its unit."""
+    ratios = np.full(parts.size, object_ratio)
+    robot = parts.noise["robot_noise"]
+    ratios[robot] = robot_ratio
+    return ratios * np.array([*[0.1] * robot.stop, *_OBJECTS])
 
 
 class KitchenReading(NamedTuple):
@@ -79,6 +117,8 @@ class KitchenSensors:
     """Reads the joints of robot and objects.
 
     Attributes:
+      parts: of the observation.
+      robot: whose joints are read.
       indices: of the joints in the compiled model.
       measures_hand: whether the distances of the hand from the tasks' handles are read, as dense rewards need.
       ctrl, stage: see `Sensors`.
@@ -91,6 +131,7 @@ class KitchenSensors:
         if observed != OBSERVED_PROPS:
             raise ValueError(f"the kitchen's props with joints must be {OBSERVED_PROPS}, in this order, got {observed}")
         self._scene, self._goals, self.measures_hand = scene, goals, measures_hand
+        self.robot, self.parts = scene.robot, Parts.of(len(scene.robot.joints))
         # Joint positions and velocities are up to date after every physics step, positions in space are not.
         self.stage = mujoco.mjtStage.mjSTAGE_POS if measures_hand else mujoco.mjtStage.mjSTAGE_NONE
 
@@ -117,7 +158,7 @@ class KitchenSensors:
         return KitchenReading(positions, achieved, hand_distances)
 
     def observed(self, simulation: Simulation) -> NDArray[np.float64]:
-        """Returns the 59 elements of the observation, `(..., 59)`, without noise."""
+        """Returns the elements of the observation, `(..., 59)` with the Franka, without noise."""
         indices = self.indices
         robot = simulation.read("qpos", indices.robot_qpos), simulation.read("qvel", indices.robot_qvel)
         objects = simulation.read("qpos", indices.object_qpos), simulation.read("qvel", indices.object_qvel)
@@ -161,13 +202,14 @@ class KitchenObservables:
           extra: observables that come between state and goals.
           requests: functions that return what is observed of the request of an episode, by key, in order.
         """
-        self.noise = np.zeros(SIZE)
+        where = Parts.of(len(scene.robot.joints))
+        self.noise = np.zeros(where.size)
         prefix, robot = scene.robot.mjcf_model.full_identifier, scene.robot.observables
         parts = {
-            f"{prefix}joint_positions": (robot.joint_positions, ROBOT_POSITIONS),
-            f"{prefix}joint_velocities": (robot.joint_velocities, ROBOT_VELOCITIES),
-            "object_positions": (JointState("qpos", lambda: scene.object_joints), OBJECT_POSITIONS),
-            "object_velocities": (JointState("qvel", lambda: scene.object_joints), OBJECT_VELOCITIES),
+            f"{prefix}joint_positions": (robot.joint_positions, where.robot_positions),
+            f"{prefix}joint_velocities": (robot.joint_velocities, where.robot_velocities),
+            "object_positions": (JointState("qpos", lambda: scene.object_joints), where.object_positions),
+            "object_velocities": (JointState("qvel", lambda: scene.object_joints), where.object_velocities),
         }
         for part, indices in parts.values():
             part.corruptor = lambda clean, random_state=None, noise=self.noise[indices]: clean + noise

@@ -32,8 +32,8 @@ TASK_ID, RENDER_GOAL = "task_id", "render_goal"
 # Observation: pictures of the last goal state; in the suite's own environment the beginning of their keys.
 GOAL_PIXELS = "goal_pixels"
 
-# Number of elements of a state of the kitchen, and their greatest magnitude in a request.
-STATE_SIZE, _GREATEST = 30, 10.0
+# Greatest magnitude of an element of a state of the kitchen in a request.
+_GREATEST = 10.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -152,12 +152,12 @@ def checked_weights(value: object, tasks: Sequence[str]) -> NDArray[np.float64]:
     return weights
 
 
-def checked_states(value: object, count: int, name: str) -> NDArray[np.float64]:
-    """Returns `count` states of the kitchen end to end, `(30 count,)`, given as rows `(count, 30)`."""
+def checked_states(value: object, count: int, size: int, name: str) -> NDArray[np.float64]:
+    """Returns `count` states of the kitchen end to end, `(size count,)`, given as rows `(count, size)`."""
     rows = value if isinstance(value, list | tuple | np.ndarray) else ()
     if len(rows) != count:
-        raise ValueError(f"{name} must be an array ({count}, {STATE_SIZE}), got {checks.shown(value)}")
-    states = np.concatenate([checks.vector(row, STATE_SIZE, name) for row in rows])
+        raise ValueError(f"{name} must be an array ({count}, {size}), got {checks.shown(value)}")
+    states = np.concatenate([checks.vector(row, size, name) for row in rows])
     if np.abs(states).max() > _GREATEST:
         raise ValueError(f"{name} must be positions within {_GREATEST:g} rad or m, got {checks.shown(value)}")
     return states
@@ -187,17 +187,18 @@ class TaskRequests(ResetRequests):
 
     options = (REQUESTED, GOAL_STATES, START_STATE, TASK_ID, RENDER_GOAL)
 
-    def __init__(self, goals: GoalSet, draw: TaskDraw | None, goal_states: int) -> None:
+    def __init__(self, goals: GoalSet, draw: TaskDraw | None, goal_states: int, state_size: int) -> None:
         """Makes the first episode ask for all tasks.
 
         Args:
           goals: the `n` configured tasks.
           draw: how many of them an episode asks for; None for all.
           goal_states: number of goal states that are observed.
+          state_size: number of elements of a state of the kitchen; 30 with the Franka.
         """
         count = len(goals.tasks)
         self._goals, self._draw, self._weights = goals, draw, np.ones(count)
-        self._goal_states, self._next = goal_states, Request()
+        self._goal_states, self._state_size, self._next = goal_states, state_size, Request()
         self.request = Request()
         self.order = None if draw is None else order_of(range(count), count)
         self.drawn_tasks = () if draw is None else goals.tasks
@@ -238,10 +239,11 @@ class TaskRequests(ResetRequests):
                 f"{GOAL_STATES} cannot be chosen, as none is observed: build the environment with goal_states, their "
                 "number"
             )
+        count, size = self._goal_states, self._state_size
         return Request(
             order=None if tasks is None else requested_order(tasks, self._goals.tasks),
-            goal_states=None if goal_states is None else checked_states(goal_states, self._goal_states, GOAL_STATES),
-            start_state=None if start is None else checked_states([start], 1, START_STATE),
+            goal_states=None if goal_states is None else checked_states(goal_states, count, size, GOAL_STATES),
+            start_state=None if start is None else checked_states([start], 1, size, START_STATE),
         )
 
     def follow(self, request: Request) -> None:

@@ -9,22 +9,21 @@ from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import Scene
+from kitchen_suite.entities import Franka, Scene
 from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.tasks.control_modes.end_effector import EndEffectorMode
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, make_success
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
-from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, OUT_OF_REACH, THRESHOLD, Start, build_goals, starts
+from kitchen_suite.tasks.kitchen.goals import GOALS, OUT_OF_REACH, THRESHOLD, Start, build_goals, initial_qpos, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
 from kitchen_suite.tasks.kitchen.observation import (
-    OBJECT_POSITIONS,
-    ROBOT_POSITIONS,
     ROUNDING,
     KitchenObservables,
     KitchenSensors,
     noise_scale,
 )
-from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, REQUESTED, STATE_SIZE, TaskDraw, TaskRequests
+from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, REQUESTED, TaskDraw, TaskRequests
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.observables import Pictures, shown_at
@@ -135,15 +134,23 @@ class KitchenTask(SuiteTask):
         criteria: dict[str, Any] = {"success": success, "threshold": threshold}
         self.success_options = {name: value for name, value in criteria.items() if value is not None}
         terminates = reward not in CONTINUING if terminate_on_tasks_completed is None else terminate_on_tasks_completed
+        sensors = KitchenSensors(scene, goal_set, measures_hand=reward != "sparse")
+        mode = make_mode(control_mode, self.control_modes, control)
+        if not (isinstance(scene.robot, Franka) or isinstance(mode, EndEffectorMode)):
+            modes = [name for name in self.control_modes if name.startswith("ee_")]
+            name = scene.robot.mjcf_model.model
+            raise ValueError(f"robot {name!r} needs one of the control modes {modes}, got {control_mode!r}")
         mdp = KitchenMDP(
-            sensors=KitchenSensors(scene, goal_set, measures_hand=reward != "sparse"),
-            action_mode=make_mode(control_mode, self.control_modes, control),
+            sensors=sensors,
+            action_mode=mode,
             goals=goal_set,
             rewards=self.with_extra_rewards(REWARDS[reward]),
             noise_scale=noise_scale(
+                sensors.parts,
                 robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
                 object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
             ),
+            initial_qpos=initial_qpos(scene.robot),
             success=make_success(goal_set, scene, default=THRESHOLD, **self.success_options),
             terminate_on_tasks_completed=checks.boolean(terminates, "terminate_on_tasks_completed"),
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
@@ -154,20 +161,20 @@ class KitchenTask(SuiteTask):
             goal_states=goal_states,
         )
         super().__init__(scene, mdp, **observables)
-        self.requests = TaskRequests(goal_set, mdp.task_draw, goal_states)
+        self.requests = TaskRequests(goal_set, mdp.task_draw, goal_states, mdp.initial_qpos.size)
         handles = (goal.handle_in(scene) for goal in goal_set.goals)
         self.vary(
             handles=[handle for handle in handles if handle.name not in OUT_OF_REACH],
             parameters=[done_parameter(scene, lambda: self.requests.tasks)],
-            home=INITIAL_QPOS[: len(scene.robot.joints)],
+            home=np.array(scene.robot.home),
             correct=self._away_from_goals,
         )
         requests = _request_readers(mdp, self.pictures, lambda: self.state)
         self._observables = KitchenObservables(scene, goal_set, self.extra_observables, requests)
         self.observed = self._observables.by_name
         state_size = mdp.noise_scale.size + self.extra_size
-        goal_size = 2 * goal_set.desired.size + STATE_SIZE * goal_states
-        objects = range(mdp.noise_scale.size)[OBJECT_POSITIONS]
+        goal_size = 2 * goal_set.desired.size + mdp.initial_qpos.size * goal_states
+        objects = range(mdp.noise_scale.size)[sensors.parts.object_positions]
         self.policy_inputs = PolicyInputs(
             names=_policy_names(mdp, reward, sees=bool(self.pictures.by_name)),
             state_size=state_size,
@@ -293,7 +300,7 @@ class KitchenTask(SuiteTask):
         self.set_mdp_state(
             self.state._replace(
                 positions=reading.positions,
-                target=reading.positions,
+                target=self.robot.holding_targets(reading.positions),
                 achieved=reading.achieved,
                 distances=self.mdp.goals.distances(reading.achieved),
                 shaping=self.mdp.start_shaping(reading),
@@ -303,7 +310,8 @@ class KitchenTask(SuiteTask):
 
     def set_observed_positions(self, observation: NDArray[np.float64]) -> None:
         noise = self.state.noise.copy()
-        noise[ROBOT_POSITIONS] = observation[ROBOT_POSITIONS] - self.state.positions
+        robot = self.mdp.sensors.parts.robot_positions
+        noise[robot] = observation[robot] - self.state.positions
         self.set_mdp_state(self.state._replace(noise=noise))
 
     def initial_state(self, draws: NDArray[np.float64]) -> KitchenState:
@@ -319,7 +327,7 @@ class KitchenTask(SuiteTask):
         super().initialize_episode(physics, random_state)
         state = self.state
         if state.goal_pictures is not None:
-            columns, goal = self.mdp.sensors.indices.state_qpos, state.goal_states[-STATE_SIZE:]
+            columns, goal = self.mdp.sensors.indices.state_qpos, state.goal_states[-self.mdp.initial_qpos.size :]
             with shown_at(physics, columns, goal):
                 taken = [picture.taker.observation_callable(physics)() for picture in self.pictures.colour]
             self.set_mdp_state(state._replace(goal_pictures=np.stack(taken)), physics)
@@ -330,7 +338,7 @@ class KitchenTask(SuiteTask):
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         indices, data = self.mdp.sensors.indices, physics.data
-        data.qpos[indices.state_qpos] = INITIAL_QPOS
+        data.qpos[indices.state_qpos] = self.mdp.initial_qpos
         for start in self._requested_starts():
             data.qpos[start.columns] = start.positions
         if self.requests.request.start_state is not None:

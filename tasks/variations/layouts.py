@@ -7,10 +7,9 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes import inverse_kinematics
-from kitchen_suite.tasks.control_modes.joints import ARM_SIZE
 from kitchen_suite.tasks.mdp import as_columns
 
 # Depth by which two geoms may be deeper in each other than in the default layout [m].
@@ -95,7 +94,7 @@ class Reach:
     """Inverse kinematics of the end effector's position."""
 
     def __init__(
-        self, physics: mjcf.Physics, robot: Franka, handles: Sequence[mjcf.Element], data: mujoco.MjData
+        self, physics: mjcf.Physics, robot: Robot, handles: Sequence[mjcf.Element], data: mujoco.MjData
     ) -> None:
         """Finds joint positions for each handle in the default layout.
 
@@ -106,7 +105,7 @@ class Reach:
           data: kinematics of the default layout, the robot at its start; its arm is moved.
         """
         self._model = physics.model.ptr
-        joints = physics.bind(robot.joints[:ARM_SIZE])
+        joints = physics.bind(robot.joints[: robot.arm_size])
         self._qpos, self._joints = as_columns(joints.qposadr), joints.element_id
         self._low, self._high = np.transpose(joints.range)
         self._hand, self._handles = (physics.bind(each).element_id for each in (robot.end_effector, handles))

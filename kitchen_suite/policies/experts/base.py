@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
 from kitchen_suite.policies.experts.encoders import ActionEncoder
-from kitchen_suite.policies.experts.kinematics import ARM
 from kitchen_suite.policies.experts.skills import Array
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.mdp import ActionMode
@@ -121,7 +120,7 @@ class Expert(abc.ABC):
         """
         observation = checks.vector(observation, self.observation_size, "observation")
         positions = self.robot_positions(observation)
-        joints, encoder, style = positions[ARM], self.encoder, self._style
+        joints, encoder, style = positions[self._kinematics.arm], self.encoder, self._style
         if self._trajectory is None:
             encoder.reset(joints)
         if (trajectory := self._next_trajectory(observation, joints)) is not None:

@@ -168,7 +168,7 @@ class HandEncoder(ActionEncoder):
         return bool(rotations.length(offset)[0] < _MAX_DISTANCE and rotations.length(turn)[0] < _MAX_ANGLE)
 
     def encode(self, positions: Array, target: Array, fingers: float) -> Array:
-        hand = self._pose(positions[ARM])
+        hand = self._pose(positions[self.arm.kinematics.arm])
         offset, turn = (error / self.arm.hand_response for error in hand.error(self._pose(target)))
         return np.append(self._encode_pose(hand.moved(offset, turn).near(hand)), _gripper_action(fingers))
 
@@ -220,7 +220,9 @@ class DeltaPositionEncoder(_DeltaEncoder):
     def applied(self, positions: Array, action: Array) -> None:
         offset = rotations.rotated(self._axes(), self._step * action[:3])
         moved = self._commanded._replace(position=self._commanded.position + offset)
-        self._commanded = moved.near(self._pose(positions[ARM]))._replace(orientation=moved.orientation)
+        self._commanded = moved.near(self._pose(positions[self.arm.kinematics.arm]))._replace(
+            orientation=moved.orientation
+        )
 
 
 class DeltaPoseEncoder(_DeltaEncoder):
@@ -236,7 +238,7 @@ class DeltaPoseEncoder(_DeltaEncoder):
         axes = self._axes()
         offset = rotations.rotated(axes, self._step * action[:3])
         turn = rotations.rotated(axes, self._turn * action[3:6])
-        self._commanded = self._commanded.moved(offset, turn).near(self._pose(positions[ARM]))
+        self._commanded = self._commanded.moved(offset, turn).near(self._pose(positions[self.arm.kinematics.arm]))
 
     def _encode_pose(self, pose: _Pose) -> Array:
         turn = rotations.difference(pose.orientation, self._commanded.orientation)

@@ -10,10 +10,11 @@ from dm_control import mjcf
 
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.franka_specs import FrankaSpec
+from kitchen_suite.entities.robot import Arm, ArmSpec, Robot
 from kitchen_suite.entities.scenes import SiteArena
 from kitchen_suite.policies.experts.skills import Array
 
-# The arm's joints among the robot's; the fingers' joints follow.
+# The Franka's arm's joints among the robot's; the fingers' joints follow.
 ARM = slice(0, 7)
 
 # Costs of the hand's orientation error and, as the arm is redundant, of joint motion: one radian costs as much as a
@@ -26,26 +27,38 @@ _HAND_DAMPING, _DAMPING = 1e-3, 1e-6
 
 
 @functools.cache
-def _robot_model(build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> tuple[mujoco.MjModel, str, str]:
-    """Model of a robot alone in an arena, names of the hand's site and of the base; shared by all instances."""
-    arena, robot = build_arena(visuals=False), Franka(spec, visuals=False)
+def _robot_model(
+    build_arena: Callable[..., SiteArena], spec: FrankaSpec | ArmSpec
+) -> tuple[mujoco.MjModel, str, str, int]:
+    """Model of a robot alone in an arena, names of the hand's site and of the base, size; shared by all instances."""
+    arena = build_arena(visuals=False)
+    robot: Robot = Arm(spec, visuals=False) if isinstance(spec, ArmSpec) else Franka(spec, visuals=False)
     arena.attach_at_site(robot)
     base = mjcf.get_attachment_frame(robot.mjcf_model).full_identifier
-    return mjcf.Physics.from_mjcf_model(arena.mjcf_model).model.ptr, robot.end_effector.full_identifier, base
+    model = mjcf.Physics.from_mjcf_model(arena.mjcf_model).model.ptr
+    return model, robot.end_effector.full_identifier, base, robot.arm_size
 
 
 class ArmKinematics:
-    """Forward and inverse kinematics of the arm's seven joints, gravity torques, and the base's pose in the world."""
+    """Forward and inverse kinematics of the arm's joints, gravity torques, and the base's pose in the world.
 
-    def __init__(self, build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> None:
+    Shapes are those of an arm of seven joints.
+
+    Attributes:
+      arm: the arm's joints among the robot's.
+      base: pose of the base.
+    """
+
+    def __init__(self, build_arena: Callable[..., SiteArena], spec: FrankaSpec | ArmSpec) -> None:
         """Builds the kinematics of a robot at its site in an arena of a class."""
-        self._model, self._site, base = _robot_model(build_arena, spec)
+        self._model, self._site, base, size = _robot_model(build_arena, spec)
+        self.arm = slice(0, size)
         self._configuration = mink.Configuration(self._model)
         self.base = self._configuration.get_transform_frame_to_world(base, "body")
         self._hand_task = mink.FrameTask(self._site, "site", 1.0, _ORIENTATION_COST, lm_damping=_HAND_DAMPING)
         self._posture_task = mink.PostureTask(self._model, cost=_POSTURE_COST)
         self._joint_limits = [mink.ConfigurationLimit(self._model)]
-        self._low, self._high = self._model.jnt_range[ARM].T
+        self._low, self._high = self._model.jnt_range[self.arm].T
         self._bias = np.zeros(self._model.nv)
 
     def forward(self, joints: Array) -> mink.SE3:
@@ -57,7 +70,7 @@ class ArmKinematics:
         """Torques `(7,)` that hold the arm still at joint positions `(7,)` [N m]."""
         self._configuration.update(self._with_closed_fingers(joints))
         mujoco.mj_rne(self._model, self._configuration.data, 0, self._bias)
-        return self._bias[ARM].copy()
+        return self._bias[self.arm].copy()
 
     def inverse(self, pose: mink.SE3, *, start: Array) -> Array:
         """Joint positions `(7,)` that bring the site to a pose in the world, near `start` [rad]."""
@@ -72,7 +85,7 @@ class ArmKinematics:
             self._configuration.integrate_inplace(step, 1.0)
             if np.abs(step).max() < _TOLERANCE:
                 break
-        return self._configuration.q[ARM].copy()
+        return self._configuration.q[self.arm].copy()
 
     def _with_closed_fingers(self, joints: Array) -> Array:
         """Positions of all joints, those of the fingers closed."""

@@ -1,30 +1,41 @@
 """The kitchen's expert, which completes tasks one after the other, also where furniture and robot stand elsewhere."""
 
 import collections
+import dataclasses
 import functools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Self
 
 import mink
+import mujoco
 import numpy as np
 from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena, Scene, build_kitchen_scene
+from kitchen_suite.entities import KitchenArena, Scene, build_kitchen_scene
+from kitchen_suite.entities.arms import FRANKA
+from kitchen_suite.entities.joints import addresses
+from kitchen_suite.entities.robot import Arm, ArmSpec
 from kitchen_suite.policies.experts import kitchen_skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Move, Skill
-from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
+from kitchen_suite.policies.experts.trajectories import (
+    OUT_OF_REACH,
+    JointSpeedLimits,
+    JointTrajectory,
+    plan,
+    plan_retreat,
+)
 from kitchen_suite.tasks import observables
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import GoalSet, StrictSuccess, Thresholds, make_success
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
-from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, THRESHOLD, build_goals
-from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS, SIZE
+from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, THRESHOLD, build_goals, initial_qpos
+from kitchen_suite.tasks.kitchen.observation import SIZE, Parts
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 
 # A completed task is repeated if its distance grows beyond this multiple of the threshold; doors spring back a little.
@@ -51,13 +62,16 @@ _ENOUGH_OF_ARC = 0.8
 # Joint positions in free space from which the arm starts again after a failure [rad].
 HOME = INITIAL_QPOS[ARM]
 
-BASE = "franka/base_pose"
-
 # The observable of the object that each task moves and that stands on the floor, the counter or the wall; the kettle's
 # pose is part of the kitchen's observation.
 POSES = {task: f"{goal.prop}/pose" for task, goal in GOALS.items() if goal.prop != "kettle"}
 
-_OBSERVABLES = frozenset((BASE, *POSES.values()))
+# Poses from which the search for an arm's posture begins, beside that of the start; more find no others.
+_SEARCHES = 60
+# Angle below which the hand does not turn on the way to the first pose [rad].
+_SAME_ANGLE = 0.02
+# Greatest number of postures whose motions are planned.
+_MOST_POSTURES = 12
 
 
 class KitchenExpert(Expert):
@@ -81,6 +95,7 @@ class KitchenExpert(Expert):
         control_mode: str = "joint_velocity",
         extra_observables: Sequence[str] = (),
         observes_requests: bool = False,
+        robot: str | ArmSpec = FRANKA,
         **control_options: Any,
     ) -> None:
         """Builds an expert for a set of tasks.
@@ -101,18 +116,21 @@ class KitchenExpert(Expert):
           observes_requests: whether the observation ends with `requested_tasks`, which the expert then does. Of several
             at once it cannot observe the order: with `in_order` it does them in that of `tasks`. It turns to other
             tasks when others are requested, as with the environment's `tasks_in_turn`.
+          robot: the environment's.
           **control_options: arguments of the control mode: the environment's.
         """
         self._goals = self._build_goals(tasks, goals)
+        self._robot = robot
+        parts = self._parts = Parts.of(len(scene(robot).robot.joints))
         self._success = make_success(
-            self._goals, scene(), default=THRESHOLD, success=success, threshold=threshold, positive=True
+            self._goals, scene(robot), default=THRESHOLD, success=success, threshold=threshold, positive=True
         )
         order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
-        encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model())
-        self._layout = ObservedLayout(extra_observables)
+        encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model(robot))
+        self._layout = ObservedLayout(extra_observables, robot)
         self._num_requests = len(self._goals.tasks) if checks.boolean(observes_requests, "observes_requests") else 0
-        self.observation_size = SIZE + self._layout.size + self._num_requests
+        self.observation_size = parts.size + self._layout.size + self._num_requests
         self._done = checks.number(done, "done", positive=True, maximum=1.0)
         self._is_strict = isinstance(self._success, StrictSuccess)
         precise = STRICT_SKILLS if self._is_strict else SKILLS
@@ -134,6 +152,7 @@ class KitchenExpert(Expert):
             "extra_observables": tuple(task.extra_observables),
             "observes_requests": task.mdp.task_draw is not None,
             "in_order": task.mdp.tasks_in_order,
+            "robot": robot_of(task),
         }
 
     def without_goals(self, flat: NDArray) -> NDArray:
@@ -141,7 +160,7 @@ class KitchenExpert(Expert):
         return np.concatenate([flat[: self.observation_size - count], flat[flat.size - count :]])
 
     def missing_observables(self, varied: Collection[str]) -> list[str]:
-        needed = needed_observables(self._goals.tasks, varied)
+        needed = needed_observables(self._goals.tasks, varied, self._layout.base)
         return [name for name in needed if name not in self._layout.slices]
 
     def reset(self, generator: np.random.Generator) -> None:
@@ -151,7 +170,7 @@ class KitchenExpert(Expert):
         self._remaining: collections.deque[str] = collections.deque()
 
     def robot_positions(self, observation: Array) -> Array:
-        return observation[ROBOT_POSITIONS]
+        return observation[self._parts.robot_positions]
 
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
         requested, distances = self._requested(observation), self._relative_distances(observation)
@@ -171,7 +190,7 @@ class KitchenExpert(Expert):
             self._remaining.popleft()
             return self._then_first_task(self._plan_retreat(joints), observation)
         if self._has_failed:
-            home = JointTrajectory.stationary(HOME, OPEN)
+            home = JointTrajectory.stationary(_home(self._robot), OPEN)
             self._remaining.rotate(-1)
             return self._then_first_task(self._plan_retreat(joints).then(home, self._limits), observation)
         return None
@@ -201,7 +220,7 @@ class KitchenExpert(Expert):
 
     def _relative_distances(self, observation: Array) -> dict[str, float]:
         """Distances of the objects from the tasks' goals, in units of the threshold or tolerance."""
-        positions = np.concatenate([achieved(task, observation) for task in self._goals.tasks])
+        positions = np.concatenate([self._achieved(task, observation) for task in self._goals.tasks])
         return dict(zip(self._goals.tasks, self._success.ratios(positions).tolist(), strict=True))
 
     def _then_first_task(self, trajectory: JointTrajectory, observation: Array) -> JointTrajectory:
@@ -223,7 +242,8 @@ class KitchenExpert(Expert):
 
     def _plan(self, task: str, observation: Array) -> JointTrajectory:
         """Chooses and plans a skill for a task, for the present positions of the joints of its goal."""
-        positions, frame = achieved(task, observation), self._layout.frame(task, observation[SIZE:])
+        positions = self._achieved(task, observation)
+        frame = self._layout.frame(task, observation[self._parts.size :])
         skill = self._skill = self._choose_skill(task, observation, frame)
         position = positions[list(skill.object_joint.elements)] if skill.object_joint else None
         if frame is not None:
@@ -231,7 +251,7 @@ class KitchenExpert(Expert):
         if self._style.jitter:
             return self._plan_skill(skill, position, None)
         rounded = None if position is None else tuple(position.round(_DECIMALS).tolist())
-        return _cached_plan(skill, rounded, self._limits)
+        return _cached_plan(skill, rounded, self._limits, self._robot)
 
     def _plan_in_frame(self, skill: Skill, position: Array | None, frame: mink.SE3) -> JointTrajectory:
         """Plans a skill in a frame; the hand is turned a little where its poses are out of reach."""
@@ -245,11 +265,16 @@ class KitchenExpert(Expert):
 
     def _plan_skill(self, skill: Skill, position: Array | None, frame: mink.SE3 | None) -> JointTrajectory:
         offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
+        skill = _seeded(skill, self._robot, position)
         return plan(self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets)
+
+    def _achieved(self, task: str, observation: Array) -> Array:
+        """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
+        return observation[self._parts.object_positions][_elements()[task]]
 
     def _choose_skill(self, task: str, observation: Array, frame: mink.SE3 | None) -> Skill:
         turns_hand = self.encoder.turns_hand
-        kettle, doors = (achieved(name, observation) for name in ("kettle", "hinge cabinet"))
+        kettle, doors = (self._achieved(name, observation) for name in ("kettle", "hinge cabinet"))
         skill = kitchen_skills.adapted(
             self._skills[task], task, kettle[:3], *doors, shuts_left_door=self._is_strict and turns_hand
         )
@@ -260,24 +285,101 @@ class KitchenExpert(Expert):
 
 
 @functools.lru_cache(maxsize=1024)
-def _cached_plan(skill: Skill, object_position: tuple[float, ...] | None, limits: JointSpeedLimits) -> JointTrajectory:
+def _cached_plan(
+    skill: Skill, object_position: tuple[float, ...] | None, limits: JointSpeedLimits, robot: str | ArmSpec
+) -> JointTrajectory:
     """Trajectory of a skill without jitter; cached, as it is the same in nearly all episodes."""
     position = None if object_position is None else np.array(object_position)
-    return plan(arm_model().kinematics, limits, skill, object_position=position)
+    return plan(arm_model(robot).kinematics, limits, _seeded(skill, robot, position), object_position=position)
+
+
+def _seeded(skill: Skill, robot: str | ArmSpec, position: Array | None) -> Skill:
+    """Returns a skill whose `ik_seed` is of a robot, for a position of its object; that of skills is the Franka's."""
+    if robot == FRANKA:
+        return skill
+    rounded = None if position is None else tuple(position.round(1).tolist())
+    return dataclasses.replace(skill, ik_seed=_posture(skill, robot, rounded))
+
+
+@functools.cache
+def _posture(skill: Skill, robot: str | ArmSpec, object_position: tuple[float, ...] | None) -> tuple[float, ...]:
+    """Searches joint positions of another arm for the first motion of a skill, from which all others follow [rad].
+
+    Of those with which the hand reaches all poses, it is the one with the fewest contacts of the arm on the way, and
+    the nearest to the start. A hand that does not turn takes the arm along in one way only.
+    """
+    arm, home = arm_model(robot), _home(robot)
+    kinematics, generator = arm.kinematics, np.random.default_rng(0)
+    first = next(move for move in skill.moves if isinstance(move, Move)).pose
+    position = None if object_position is None else np.array(object_position)
+    if skill.object_joint and position is not None:
+        first = skill.object_joint.displacement(position) @ first
+    limits = JointSpeedLimits(joint_speed=arm.joint_speed, timestep=arm.timestep)
+    here, along = kinematics.forward(home), home
+    found: list[Array] = []
+    for share in np.linspace(0.0, 1.0, 12):
+        along = kinematics.inverse(here.interpolate(first, alpha=share), start=along)
+    if np.linalg.norm((here.rotation().inverse() @ first.rotation()).log()) < _SAME_ANGLE:
+        return tuple(along.tolist())
+    for start in (along, home, *(home + generator.uniform(-np.pi, np.pi, (_SEARCHES, home.size)))):
+        joints = kinematics.inverse(first, start=start)
+        error = (kinematics.forward(joints).inverse() @ first).log()
+        if np.abs(error).max() < OUT_OF_REACH and all(np.abs(joints - other).max() > 0.3 for other in found):
+            found.append(joints)
+    best, least = home, (np.inf,) * 3
+    for joints in sorted(found, key=lambda each: float(np.abs(each - home).max()))[:_MOST_POSTURES]:
+        seeded = dataclasses.replace(skill, ik_seed=tuple(joints.tolist()))
+        planned = plan(kinematics, limits, seeded, frame=mink.SE3.identity(), object_position=position)
+        approach = np.linspace(home, planned.knots[0], 12)
+        score = (
+            max(planned.position_error - OUT_OF_REACH, 0.0) + 1.0 - planned.arc_share,
+            _contacts(np.concatenate([approach, planned.knots]), robot),
+            float(np.abs(joints - home).max()),
+        )
+        best, least = (joints, score) if score < least else (best, least)
+    return tuple(best.tolist())
+
+
+def _contacts(path: Array, robot: str | ArmSpec) -> int:
+    """Returns at how many of joint positions `(n, k)` a link of the arm touches anything in the kitchen."""
+    physics, links = _kitchen(robot)
+    model, data, count = physics.model.ptr, physics.data.ptr, 0
+    joints = physics.bind(scene(robot).robot.joints[: path.shape[1]]).qposadr
+    for row in path:
+        data.qpos[joints] = row
+        mujoco.mj_fwdPosition(model, data)
+        touching = model.geom_bodyid[data.contact.geom[: data.ncon]]
+        count += bool(np.isin(touching, links).any())
+    return count
+
+
+@functools.cache
+def _kitchen(robot: str | ArmSpec) -> tuple[mjcf.Physics, NDArray[np.int64]]:
+    """The kitchen at the start of an episode, and the bodies of the arm's links but the last."""
+    built = scene(robot)
+    physics = mjcf.Physics.from_mjcf_model(built.arena.mjcf_model)
+    qpos = initial_qpos(built.robot)
+    physics.bind(built.robot.joints).qpos = qpos[: len(built.robot.joints)]
+    physics.data.qpos[addresses(physics, built.object_joints)[0]] = qpos[len(built.robot.joints) :]
+    links = [joint.parent for joint in built.robot.joints[: built.robot.arm_size - 1]]
+    return physics, physics.bind(links).element_id
 
 
 class ObservedLayout:
     """Reads the poses among the extra observables of an observation.
 
     Attributes:
+      base: name of the pose of the robot's base.
       slices: slice of each pose that is observed, among the extra observables.
       size: number of all extra observables' elements; 0 if none of them is a pose of the layout.
     """
 
-    def __init__(self, extras: Sequence[str]) -> None:
+    def __init__(self, extras: Sequence[str], robot: str | ArmSpec = FRANKA) -> None:
         """Looks up the poses; `extras` are the names of the task's extra observables."""
-        slices = observables.slices(scene(), extras) if len(extras) else {}
-        self.slices = {name: part for name, part in slices.items() if name in _OBSERVABLES}
+        self._robot = robot
+        self.base = f"{scene(robot).robot.mjcf_model.model}/base_pose"
+        slices = observables.slices(scene(robot), extras) if len(extras) else {}
+        self.slices = {name: part for name, part in slices.items() if name in {self.base, *POSES.values()}}
         self.size = max((part.stop for part in slices.values()), default=0) if self.slices else 0
 
     def frame(self, task: str, extras: Array) -> mink.SE3 | None:
@@ -287,28 +389,30 @@ class ObservedLayout:
         """
         if not self.slices:
             return None
-        return self._moved(BASE, extras).inverse() @ self._moved(POSES.get(task), extras)
+        return self._moved(self.base, extras).inverse() @ self._moved(POSES.get(task), extras)
 
     def _moved(self, name: str | None, extras: Array) -> mink.SE3:
         """Returns the transform from a default pose to the observed one; the identity if it is not observed."""
         if name not in self.slices:
             return mink.SE3.identity()
-        return _pose(extras[self.slices[name]]) @ _default_poses()[name].inverse()
+        return _pose(extras[self.slices[name]]) @ _default_poses(self._robot)[name].inverse()
 
 
-def needed_observables(tasks: Collection[str], varied: Collection[str]) -> list[str]:
+def needed_observables(tasks: Collection[str], varied: Collection[str], base: str = f"{FRANKA}/base_pose") -> list[str]:
     """Returns the names of the poses that the expert must observe for its tasks where parameters vary."""
     owners = {name.partition("/")[0] for name in varied if name.endswith(("/offset", "/yaw"))}
     needed = {POSES[task] for task in tasks if task in POSES and GOALS[task].prop in owners}
-    return sorted(needed | ({BASE} if "pedestal" in owners else set()))
+    return sorted(needed | ({base} if "pedestal" in owners else set()))
 
 
 @functools.cache
-def _default_poses() -> Mapping[str, mink.SE3]:
+def _default_poses(robot: str | ArmSpec) -> Mapping[str, mink.SE3]:
     """Poses in the world of the default layout by name."""
-    physics = mjcf.Physics.from_mjcf_model(scene().arena.mjcf_model)
-    entities = {BASE: scene().robot, **{f"{name}/pose": prop for name, prop in scene().props.items()}}
-    frames = {name: physics.bind(mjcf.get_attachment_frame(entities[name].mjcf_model)) for name in _OBSERVABLES}
+    built = scene(robot)
+    physics = mjcf.Physics.from_mjcf_model(built.arena.mjcf_model)
+    entities = {f"{built.robot.mjcf_model.model}/base_pose": built.robot}
+    entities |= {f"{name}/pose": prop for name, prop in built.props.items() if f"{name}/pose" in POSES.values()}
+    frames = {name: physics.bind(mjcf.get_attachment_frame(each.mjcf_model)) for name, each in entities.items()}
     return {name: _pose(np.concatenate([frame.xpos, frame.xquat])) for name, frame in frames.items()}
 
 
@@ -318,33 +422,42 @@ def _pose(values: Array) -> mink.SE3:
 
 
 @functools.cache
-def arm_model() -> ArmModel:
+def arm_model(robot: str | ArmSpec = FRANKA) -> ArmModel:
     """The arm in the kitchen, shared by all instances."""
-    gains, damping = np.array([(link.actuator.gain, link.actuator.damping) for link in KITCHEN_FRANKA.links]).T
+    built = scene(robot).robot
+    size = built.arm_size
+    rows = [(each.gain, each.damping + each.velocity_gain) for each in built.joint_actuators[:size]]
+    gains, damping = np.array(rows).T
     return ArmModel(
-        kinematics=ArmKinematics(KitchenArena, KITCHEN_FRANKA),
+        kinematics=ArmKinematics(KitchenArena, built.specification),
         gains=gains,
         # In a control step, of the position error: gain and damping of a joint make a first-order lag.
         joint_response=1.0 - np.exp(-CONTROL_TIMESTEP * gains / damping),
         hand_response=0.55,
         # That the actuators can follow. The shoulder's limit is 0.06: its torque limit less the torque of gravity.
-        joint_speed=(0.06,) * 4 + (0.08,) * 3,
+        joint_speed=(0.06,) * 4 + (0.08,) * (size - 4),
         timestep=CONTROL_TIMESTEP,
     )
 
 
 @functools.cache
-def scene() -> Scene:
+def scene(robot: str | ArmSpec = FRANKA) -> Scene:
     """The kitchen without visuals, shared by all instances."""
-    return build_kitchen_scene(visuals=False)
+    return build_kitchen_scene(visuals=False, robot=robot)
+
+
+def robot_of(task: KitchenTask) -> str | ArmSpec:
+    """Returns the robot of a task as the expert takes it."""
+    return task.robot.specification if isinstance(task.robot, Arm) else FRANKA
+
+
+def _home(robot: str | ArmSpec) -> Array:
+    """Positions of the arm's joints at the start of an episode [rad]."""
+    built = scene(robot).robot
+    return np.array(built.home[: built.arm_size])
 
 
 @functools.cache
 def _elements() -> Mapping[str, NDArray[np.int64]]:
     """Indices of the positions of each goal's joints among the object positions of the observation, by task."""
     return {task: goal.elements_in(scene()) for task, goal in GOALS.items()}
-
-
-def achieved(task: str, observation: Array) -> Array:
-    """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
-    return observation[OBJECT_POSITIONS][_elements()[task]]

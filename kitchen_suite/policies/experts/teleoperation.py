@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities import Franka
 from kitchen_suite.policies.experts.base import Expert, expert_class
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN, Array
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
@@ -42,6 +43,8 @@ class Teleoperation(Expert):
     @classmethod
     def for_task(cls, task: Any, **options: Any) -> "Teleoperation":
         """Returns the teleoperation of a task; layouts may vary, whatever is observed."""
+        if not isinstance(task.robot, Franka):
+            raise ValueError(f"a person can move the Franka alone, not robot {task.robot.mjcf_model.model!r}")
         return cls(expert_class(task).unchecked(task, **options))
 
     def without_goals(self, flat: NDArray) -> NDArray:
@@ -106,7 +109,8 @@ class Teleoperation(Expert):
         """Takes the pose of the hand from an observation, to which nudges are relative."""
         checked = checks.vector(observation, self.observation_size, "observation")
         positions = self.robot_positions(checked)
-        self._hand, self.fingers = self._kinematics.forward(positions[:7]), positions[7:]
+        arm = self._kinematics.arm
+        self._hand, self.fingers = self._kinematics.forward(positions[arm]), positions[arm.stop :]
 
     def robot_positions(self, observation: Array) -> Array:
         return self._expert.robot_positions(observation)

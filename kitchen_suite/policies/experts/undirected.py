@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.names import DEFAULT_TASKS
-from kitchen_suite.policies.experts.kitchen import KitchenExpert
+from kitchen_suite.policies.experts.kitchen import KitchenExpert, robot_of
 from kitchen_suite.policies.experts.skills import Array
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.goals import GoalSet, Thresholds
@@ -82,6 +82,7 @@ class UndirectedExpert(KitchenExpert):
             "goals": task.goals,
             **task.success_options,
             "extra_observables": tuple(task.extra_observables),
+            "robot": robot_of(task),
         }
 
     def reset(self, generator: np.random.Generator) -> None:

@@ -1,0 +1,72 @@
+"""The Panda of gym-hil and the UR5e of OGBench in the kitchen."""
+
+import json
+
+import numpy as np
+import pytest
+
+from kitchen_suite import experts, suite
+from kitchen_suite.cli.commands import COMMANDS
+
+pytestmark = pytest.mark.clients
+
+ARMS = pytest.mark.parametrize("robot", ["panda", "ur5e"])
+
+
+def load(robot, task="kettle", mode="ee_delta_pose"):
+    return suite.load("kitchen", task, {"robot": robot, "control_mode": mode, "random": 0, "visuals": False})
+
+
+def hand_of(environment):
+    environment.reset()
+    site = environment.physics.bind(environment.task.robot.end_effector)
+    return np.array(site.xpos), np.array(site.xmat)
+
+
+@ARMS
+def test_the_hand_starts_where_the_frankas_does(robot):
+    franka = suite.load("kitchen", "kettle", {"random": 0, "visuals": False})
+    (position, rotation), (expected, turned) = hand_of(load(robot)), hand_of(franka)
+    np.testing.assert_allclose(position, expected, atol=1e-3)
+    np.testing.assert_allclose(rotation, turned, atol=5e-3)
+
+
+@ARMS
+@pytest.mark.parametrize("mode", ["ee_delta_pose", "ee_pose", "ee_delta_position"])
+def test_the_expert_pushes_the_kettle_and_opens_the_microwave(robot, mode):
+    for task in ("kettle", "microwave"):
+        environment = load(robot, task, mode)
+        policy = experts.make_policy(environment, np.random.default_rng(0))
+        timestep = environment.reset()
+        while not timestep.last():
+            timestep = environment.step(policy(timestep))
+        assert environment.task.episode_metrics["success"], task
+
+
+@ARMS
+def test_the_hand_opens_and_closes(robot):
+    environment = load(robot)
+    environment.reset()
+    pads = [environment.physics.bind(environment.task.robot.mjcf_model.find("geom", name)) for name in pads_of(robot)]
+    widths = []
+    for gripper in (1.0, -1.0):
+        for _ in range(15):
+            environment.step(np.array([0, 0, 0, 0, 0, 0, gripper]))
+        widths.append(np.linalg.norm(np.subtract(*(pad.xpos for pad in pads))))
+    # The pads, each 8 mm thick, touch, and are 85 mm apart.
+    np.testing.assert_allclose(widths, [0.009, 0.093], atol=0.003)
+
+
+def pads_of(robot):
+    return [f"{'' if robot == 'panda' else 'robotiq_2f85/'}{side}_pad1" for side in ("left", "right")]
+
+
+@ARMS
+def test_episodes_are_recorded_replayed_and_evaluated(robot, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    arguments = json.dumps({"robot": robot, "control_mode": "ee_delta_pose"})
+    common = ["--domain_name=kitchen", "--task_name=kettle", "--policy=expert", f"--task_kwargs={arguments}"]
+    assert COMMANDS["record"].main([*common, "--num_episodes=2", "--output=episodes"]) == 0
+    assert COMMANDS["replay"].main(["episodes"]) == 0
+    assert COMMANDS["evaluate"].main([*common, "--protocol=default", "--num_episodes=2", "--output=result"]) == 0
+    assert "100" in capsys.readouterr().out

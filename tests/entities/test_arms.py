@@ -1,0 +1,116 @@
+"""Other arms in the kitchen, with an arm of one's own that needs no package; tests/clients has those that do."""
+
+import importlib.util
+import runpy
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+import kitchen_suite.gymnasium_env  # noqa: F401
+from kitchen_suite import suite
+from kitchen_suite.entities import Franka
+from kitchen_suite.entities.arms import ARMS, make_robot
+from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "my_arm.py"
+MY_ARM = runpy.run_path(str(EXAMPLE))["MY_ARM"]
+KITCHEN = "KitchenSuite/FrankaKitchen-v1"
+OPTIONS = {"robot": MY_ARM, "control_mode": "ee_delta_pose", "visuals": False}
+
+
+def load(**options):
+    environment = suite.load("kitchen", "kettle", {"random": 0, **OPTIONS, **options})
+    return environment, environment.reset()
+
+
+def test_the_observation_has_the_size_of_the_arm():
+    environment, timestep = load(robot_noise_ratio=0.0)
+    assert timestep.observation["my_arm/joint_positions"].shape == (8,)
+    np.testing.assert_array_equal(
+        timestep.observation["my_arm/joint_positions"], [0.6, -0.6, 2.2, 0.0, -0.03, 0.0, 0.04, 0.04]
+    )
+    assert environment.task.policy_inputs.state_size == 2 * 8 + 41
+
+
+@pytest.mark.parametrize(("gripper", "width"), [(1.0, 0.0), (-1.0, 0.08)])
+def test_the_last_element_of_the_action_closes_and_opens_the_hand(gripper, width):
+    environment, _ = load()
+    for _ in range(15):
+        environment.step(np.array([0, 0, 0, 0, 0, 0, gripper]))
+    assert environment.physics.bind(environment.task.robot.joints[6:]).qpos.sum() == pytest.approx(width, abs=0.002)
+
+
+def test_the_hand_moves_as_the_action_says():
+    environment, _ = load()
+    hand = environment.physics.bind(environment.task.robot.end_effector)
+    before = np.array(hand.xpos)
+    for _ in range(10):
+        environment.step(np.array([0, 0, 0.5, 0, 0, 0, -1.0]))
+    # 0.125 m/s for 0.8 s, upwards; the hand follows with a time constant of a tenth of a second.
+    np.testing.assert_allclose(np.array(hand.xpos) - before, [0, 0, 0.09], atol=0.012)
+
+
+@pytest.mark.parametrize("mode", ["joint_velocity", "joint_position", "joint_delta"])
+def test_other_control_modes_are_refused(mode):
+    with pytest.raises(ValueError, match=f"robot 'my_arm' needs one of the control modes .*ee_pose.*, got '{mode}'"):
+        load(control_mode=mode)
+
+
+def test_fast_physics_is_refused():
+    with pytest.raises(ValueError, match="no physics 'fast' with robot 'my_arm'"):
+        load(physics="fast")
+
+
+@pytest.mark.parametrize("robot", ["panda", "ur5e", "fr3", "xarm7"])
+def test_a_missing_package_is_named_with_its_command(robot, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=rf"^robot '{robot}' needs \w+: pip install"):
+        make_robot(robot)
+
+
+@pytest.mark.parametrize(
+    ("robot", "error"), [("ur5", ValueError), (3, TypeError), ("nowhere:ARM", ValueError), ("numpy:pi", ValueError)]
+)
+def test_an_unknown_robot_is_refused(robot, error):
+    with pytest.raises(error, match="robot"):
+        load(robot=robot)
+
+
+def test_every_name_has_an_arm_of_that_name():
+    import pkgutil
+
+    assert {name: pkgutil.resolve_name(entry_point).name for name, entry_point in ARMS.items()} == {n: n for n in ARMS}
+
+
+def test_the_franka_starts_where_the_reference_does():
+    np.testing.assert_array_equal(Franka(visuals=False).home, INITIAL_QPOS[:9])
+
+
+def test_single_and_vectorised_environments_are_equal():
+    single, many = gymnasium.make(KITCHEN, **OPTIONS), gymnasium.make_vec(KITCHEN, 2, **OPTIONS)
+    first, second = single.reset(seed=3)[0], many.reset(seed=[3, 4])[0]
+    for step in range(6):
+        np.testing.assert_array_equal(first["observation"], second["observation"][0], err_msg=f"step {step}")
+        action = np.random.default_rng(step).uniform(-1, 1, 7).astype(np.float32)
+        first, second = single.step(action)[0], many.step(np.stack([action, -action]))[0]
+
+
+def test_a_state_is_restored():
+    environment, _ = load()
+    action, state = np.full(7, 0.3), environment.get_state()
+    expected = [environment.step(action).observation for _ in range(3)]
+    environment.set_state(state)
+    for observation in expected:
+        np.testing.assert_equal(environment.step(action).observation, observation)
+
+
+def test_everything_but_the_robots_start_and_gains_varies():
+    environment, _ = load(variations=["start", "layout", "dynamics", "sensing", "push"])
+    names = environment.task.variations.by_name
+    assert {"microwave/offset", "pedestal/offset"} <= names.keys()
+    assert not any(name.startswith(("franka/", "my_arm/")) for name in names)
+    for _ in range(3):
+        environment.reset()
+        environment.step(np.zeros(7))
