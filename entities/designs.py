@@ -252,18 +252,24 @@ def _in_reach(design: KitchenDesign) -> KitchenDesign:
     # An end of a bar may be nearer than its middle.
     shoulder, reach = np.add(robot_base(), (0.0, 0.0, _SHOULDER)), _REACH + BAR_HALF_LENGTH
     for placed in design.placed:
-        kind = KINDS[placed.design.kind]
-        prop = kind.build(placed.design, STYLES[design.style], False, placed.name)
-        physics = mjcf.Physics.from_mjcf_model(prop.mjcf_model)
-        for part in kind.parts_of(prop):
-            site = physics.bind(prop.mjcf_model.find("site", part.handle))
-            distance = np.linalg.norm(placed.in_world(np.add(kind.origin, site.xpos)) - shoulder)
+        for name, position in _handles(placed.design):
+            distance = np.linalg.norm(placed.in_world(position) - shoulder)
             if distance > reach:
                 raise ValueError(
-                    f"{placed.path} ({placed.design.kind}) has {part.joint} out of reach: {distance:.2f} m from the "
+                    f"{placed.path} ({placed.design.kind}) has {name} out of reach: {distance:.2f} m from the "
                     f"robot's shoulder, at most {reach:.2f} m"
                 )
     return design
+
+
+@functools.cache
+def _handles(design: FixtureDesign) -> tuple[tuple[str | None, NDArray[np.float64]], ...]:
+    """Returns each part's joint and the position of its handle in the frame of its fixture [m]."""
+    kind = KINDS[design.kind]
+    prop = kind.build(design, next(iter(STYLES.values())), False, design.kind)
+    physics = mjcf.Physics.from_mjcf_model(prop.mjcf_model)
+    sites = [(part.joint, prop.mjcf_model.find("site", part.handle)) for part in kind.parts_of(prop)]
+    return tuple((joint, np.add(kind.origin, physics.bind(site).xpos)) for joint, site in sites)
 
 
 def _read(path: Path) -> Any:

@@ -97,6 +97,8 @@ def measure_speed() -> None:
 def spread(split: str) -> tuple[dict[str, Any], list[NDArray[np.float64]]]:
     """Returns how different the designs of a split are, and positions of handles `(n, 3)` of the first kitchens [m]."""
     designs = [KitchenDesign.drawn(number, split) for number in range(COUNT)]
+    for design in tqdm(designs, desc=f"{split}, checks", disable=None):
+        KitchenDesign.make(design.to_json(), split)  # Refuses what cannot be built, and handles out of reach.
     kinds = collections.Counter(kind for design in designs for kind in {each.design.kind for each in design.placed})
     seconds, handles = [], []
     for design in tqdm(designs[:COMPILED], desc=split, disable=None):

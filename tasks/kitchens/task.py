@@ -248,9 +248,7 @@ class KitchensTask(SuiteTask):
         return tuple(", then ".join(sentences) for sentences in zip(*each, strict=True))
 
     def _sentences(self, k: int, opens: bool) -> tuple[str, ...]:
-        kind = self._parts[k][1].kind
-        verb = next(verb for verb, (begins_open, kinds) in VERBS.items() if kind in kinds and begins_open != opens)
-        return tuple(sentence.format(self._words[k]) for sentence in _SENTENCES[verb])
+        return tuple(sentence.format(self._words[k]) for sentence in _SENTENCES[_verb(self._parts[k][1], opens)])
 
     @property
     def requested_tasks(self) -> list[str]:
@@ -270,9 +268,9 @@ class KitchensTask(SuiteTask):
         return (infos["completion_steps"] > 0).sum(axis=-1)
 
     def completions_in(self, infos: Mapping[str, Any]) -> Completions:
-        steps = infos["completion_steps"][: len(self._parts)]
-        requested = infos[f"{REQUESTED}_mask"][: len(self._parts)]
-        return Completions(self._names, requested, steps)
+        slots, goal = np.flatnonzero(infos[f"{REQUESTED}_mask"]), infos["goal_openings"]
+        tasks = tuple(f"{_verb(self._parts[k][1], bool(goal[k]))} {self._names[k]}" for k in slots)
+        return Completions(tasks, np.full(len(tasks), True), infos["completion_steps"][slots])
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._columns = physics.bind(self.robot.joints).qposadr
@@ -321,6 +319,11 @@ class KitchensTask(SuiteTask):
 
     def _part(self, part: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
         return self._observation[part]
+
+
+def _verb(part: Part, opens: bool) -> str:
+    """Returns the verb of the task to open a part or turn it on, or else to close it or turn it off."""
+    return next(verb for verb, (begins_open, kinds) in VERBS.items() if part.kind in kinds and begins_open != opens)
 
 
 def part_words(scene: GeneratedKitchen) -> tuple[str, ...]:

@@ -212,11 +212,14 @@ def test_an_episode_ends_once_everything_has_been_completed(reward, continues):
     start(environment, "open drawers_1/drawer_1", "turn_on hood_1/light_switch")
     rewards = [move(environment, {DRAWER: 0.2 * (OPEN - 0.05)}).reward, move(environment, {DRAWER: 0.2}).reward]
     metrics = environment.task.episode_metrics
-    assert metrics == {"success": False, "tasks_completed": {"drawers_1/drawer_1": 2}}
+    assert metrics == {"success": False, "tasks_completed": {"open drawers_1/drawer_1": 2}}
     timestep = move(environment, {SWITCH: -0.69})
     rewards.append(timestep.reward)
     assert environment.task.episode_metrics["success"]
-    assert environment.task.episode_metrics["tasks_completed"] == {"hood_1/light_switch": 3, "drawers_1/drawer_1": 2}
+    assert environment.task.episode_metrics["tasks_completed"] == {
+        "turn_on hood_1/light_switch": 3,
+        "open drawers_1/drawer_1": 2,
+    }
     assert timestep.last() != continues
     assert timestep.discount == (1.0 if continues else 0.0)
     if reward == "sparse":
