@@ -1,32 +1,18 @@
 """The Universal Robots UR5e with a Robotiq 2F-85 hand, from the package ogbench."""
 
-from pathlib import Path
+import functools
 
-from dm_control import mjcf
-
-from kitchen_suite.entities.robot import ArmSpec, load_mjcf, package_folder
+from kitchen_suite.entities.robot import ArmSpec, load_package_mjcf
 
 _SERVOS = {
     f"{name}_joint": name for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 }
-
-
-def _folder() -> Path:
-    return package_folder("ogbench", "ur5e") / "manipspace" / "descriptions"
-
-
-def _arm() -> mjcf.RootElement:
-    return load_mjcf(_folder() / "universal_robots_ur5e" / "ur5e.xml")
-
-
-def _hand() -> mjcf.RootElement:
-    return load_mjcf(_folder() / "robotiq_2f85" / "2f85.xml")
-
+_FOLDER = "manipspace/descriptions"
 
 UR5E = ArmSpec(
     name="ur5e",
-    arm=_arm,
-    hand=_hand,
+    arm=functools.partial(load_package_mjcf, "ogbench", f"{_FOLDER}/universal_robots_ur5e/ur5e.xml", "ur5e"),
+    hand=functools.partial(load_package_mjcf, "ogbench", f"{_FOLDER}/robotiq_2f85/2f85.xml", "ur5e"),
     servos=_SERVOS,
     hand_actuators=("robotiq_2f85/fingers_actuator",),
     closed=255.0,

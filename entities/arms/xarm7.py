@@ -1,19 +1,14 @@
 """The UFACTORY xArm7 with its gripper, from MuJoCo Menagerie. Nobody has tried it in the kitchen yet."""
 
-from dm_control import mjcf
+import functools
 
-from kitchen_suite.entities.robot import ArmSpec, load_mjcf, menagerie_file
+from kitchen_suite.entities.robot import ArmSpec, load_menagerie_mjcf
 
 _SERVOS = {f"joint{number}": f"act{number}" for number in range(1, 8)}
 
-
-def _arm() -> mjcf.RootElement:
-    return load_mjcf(menagerie_file("ufactory_xarm7", "xarm7.xml", "xarm7"))
-
-
 XARM7 = ArmSpec(
     name="xarm7",
-    arm=_arm,
+    arm=functools.partial(load_menagerie_mjcf, "ufactory_xarm7", "xarm7.xml", "xarm7"),
     servos=_SERVOS,
     hand_actuators=("gripper",),
     closed=255.0,
