@@ -23,13 +23,7 @@ from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Move, Skill
-from kitchen_suite.policies.experts.trajectories import (
-    OUT_OF_REACH,
-    JointSpeedLimits,
-    JointTrajectory,
-    plan,
-    plan_retreat,
-)
+from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks import observables
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import GoalSet, StrictSuccess, Thresholds, make_success
@@ -231,16 +225,13 @@ class KitchenExpert(Expert):
         if not self._remaining:
             return trajectory
         for _ in range(len(self._remaining)):
-            planned = self._plan(self._remaining[0], observation)
+            planned = self._plan_task(self._remaining[0], observation)
             if not self._layout.slices or planned.is_reachable:
                 return trajectory.then(planned, self._limits)
             self._remaining.rotate(-1)
-        return trajectory.then(self._plan(self._remaining[0], observation), self._limits)
+        return trajectory.then(self._plan_task(self._remaining[0], observation), self._limits)
 
-    def _plan_retreat(self, joints: Array) -> JointTrajectory:
-        return plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=self._current_fingers)
-
-    def _plan(self, task: str, observation: Array) -> JointTrajectory:
+    def _plan_task(self, task: str, observation: Array) -> JointTrajectory:
         """Chooses and plans a skill for a task, for the present positions of the joints of its goal."""
         positions = self._achieved(task, observation)
         frame = self._layout.frame(task, observation[self._parts.size :])
@@ -249,7 +240,7 @@ class KitchenExpert(Expert):
         if frame is not None:
             return self._plan_in_frame(skill, position, frame)
         if self._style.jitter:
-            return self._plan_skill(skill, position, None)
+            return self._plan(_seeded(skill, self._robot, position), object_position=position)
         rounded = None if position is None else tuple(position.round(_DECIMALS).tolist())
         return _cached_plan(skill, rounded, self._limits, self._robot)
 
@@ -257,16 +248,12 @@ class KitchenExpert(Expert):
         """Plans a skill in a frame; the hand is turned a little where its poses are out of reach."""
         tried = []
         for turn in _TURNS if self.encoder.turns_hand else _TURNS[:1]:
-            planned = self._plan_skill(skill.turned(turn) if turn else skill, position, frame)
+            turned = _seeded(skill.turned(turn) if turn else skill, self._robot, position)
+            planned = self._plan(turned, frame=frame, object_position=position)
             if planned.is_reachable and planned.arc_share >= _ENOUGH_OF_ARC:
                 return planned
             tried.append(planned)
         return max(tried, key=lambda planned: (planned.is_reachable, planned.arc_share))
-
-    def _plan_skill(self, skill: Skill, position: Array | None, frame: mink.SE3 | None) -> JointTrajectory:
-        offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
-        skill = _seeded(skill, self._robot, position)
-        return plan(self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets)
 
     def _achieved(self, task: str, observation: Array) -> Array:
         """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
