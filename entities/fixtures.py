@@ -118,8 +118,7 @@ class Part:
     twin: str | None = None
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Extent:
+class Extent(NamedTuple):
     """A box in a fixture's frame: what the fixture takes up when it is closed, with its handles [m].
 
     Attributes:
@@ -158,13 +157,18 @@ class FixtureDesign:
     hinge: str | None = None
     gap: float = 0.0
 
+    @property
+    def extent(self) -> Extent:
+        """Box that the fixture takes up, in its frame."""
+        return KINDS[self.kind].extent(self)
+
 
 def _extent(design: FixtureDesign, level: str) -> Extent:
     """Returns what a fixture of boxes takes up."""
     assert design.width is not None
     height, depth = design.height or 0.0, _WALL_DEPTH if level == "wall" else _BASE_DEPTH
     bottom, top = {"base": (-height, 0.0), "wall": (0.0, height), "tall": (_TALL_BOTTOM, _TALL_TOP)}[level]
-    return Extent(low=(-design.width / 2, -_ROOM, bottom), high=(design.width / 2, depth, top))
+    return Extent((-design.width / 2, -_ROOM, bottom), (design.width / 2, depth, top))
 
 
 class Fixture(Prop):
@@ -477,7 +481,7 @@ class KitchenPropKind(FixtureKind):
 
     def extent(self, design: FixtureDesign) -> Extent:
         (x, y, z), high = (tuple(np.add(corner, self.origin).tolist()) for corner in (self.low, self.high))
-        return Extent(low=(x, y - self.room, z), high=high)
+        return Extent((x, y - self.room, z), high)
 
     def parts_of(self, prop: Prop) -> tuple[Part, ...]:
         return self.parts
