@@ -19,21 +19,9 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
+from kitchen_suite.entities import fixtures
 from kitchen_suite.entities.assets import Vector
-from kitchen_suite.entities.fixtures import (
-    BAR_HALF_LENGTH,
-    DARK,
-    GAP,
-    HANDLES,
-    KETTLE,
-    KINDS,
-    PANEL,
-    STEEL,
-    STYLES,
-    FixtureDesign,
-    Part,
-    Style,
-)
+from kitchen_suite.entities.fixtures import KINDS, STYLES, FixtureDesign, Part, Style
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.parameters import Parameter, door_parameters
 from kitchen_suite.entities.props import Kettle, Prop
@@ -255,7 +243,7 @@ def _check_apart(one: Placed, other: Placed) -> None:
 def _check_reach(design: KitchenDesign) -> None:
     """Raises a ValueError if the arm is too short for a handle of a design."""
     # An end of a bar may be nearer than its middle.
-    shoulder, reach = np.add(robot_base(), (0.0, 0.0, _SHOULDER)), _REACH + BAR_HALF_LENGTH
+    shoulder, reach = np.add(robot_base(), (0.0, 0.0, _SHOULDER)), _REACH + fixtures.BAR_HALF_LENGTH
     for placed in design.placed:
         kind = KINDS[placed.design.kind]
         prop = kind.build(placed.design, STYLES[design.style], False, placed.name)
@@ -351,7 +339,7 @@ class _Grammar:
 
     def __init__(self, generator: np.random.Generator) -> None:
         self._generator = generator
-        self._handle = self._choice(HANDLES, (0.7, 0.3))
+        self._handle = self._choice(fixtures.HANDLES, (0.7, 0.3))
 
     def design(self, name: str) -> KitchenDesign:
         """Returns a design, which need not be possible."""
@@ -518,7 +506,7 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
         kettle = props["kettle"] = Kettle(visuals=visuals)
         place = oven.in_world(np.array(KINDS["oven"].origin) + _KETTLE_PLACE)
         arena.attach_at(kettle, place, oven.yaw).add("freejoint")
-        parts.append(("kettle", KETTLE))
+        parts.append(("kettle", fixtures.KETTLE))
     if len(parts) > MAX_PARTS:
         raise ValueError(f"rows must have at most {MAX_PARTS} drawers, doors and knobs, got {len(parts)}")
     if visuals:
@@ -576,10 +564,10 @@ def _fillings(placed: Placed, wall: float, style: Style) -> Iterator[tuple[str, 
         yield "filling", (left, depth, bottom), (right, back, top), style.carcass
     if placed.design.kind == "oven":
         # Behind the knobs, where the hood is if there is one.
-        yield "panel", (left + 0.01, _PANEL_FRONT, _PANEL_BOTTOM), (right - 0.01, back, _PANEL_TOP), DARK
+        yield "panel", (left + 0.01, _PANEL_FRONT, _PANEL_BOTTOM), (right - 0.01, back, _PANEL_TOP), fixtures.DARK
     elif placed.row.level in ("base", "tall"):
         plinth = floor + _PLINTH
-        yield "plinth", (left, _RECESS, floor), (right, back, min(plinth, bottom)), DARK
-        yield "lower_carcass", (left, PANEL, plinth), (right, back, bottom), style.carcass
-        front = STEEL if placed.design.kind == "stove" else style.front
-        yield "lower_front", (left + GAP, 0.0, plinth), (right - GAP, PANEL, bottom), front
+        yield "plinth", (left, _RECESS, floor), (right, back, min(plinth, bottom)), fixtures.DARK
+        yield "lower_carcass", (left, fixtures.PANEL, plinth), (right, back, bottom), style.carcass
+        front = fixtures.STEEL if placed.design.kind == "stove" else style.front
+        yield "lower_front", (left + fixtures.GAP, 0.0, plinth), (right - fixtures.GAP, fixtures.PANEL, bottom), front

@@ -15,7 +15,6 @@ from dm_control import mjcf
 
 from kitchen_suite.entities import assets, props
 from kitchen_suite.entities.assets import Vector
-from kitchen_suite.entities.joints import JointObservables
 from kitchen_suite.entities.props import Prop
 
 # Kinds of parts.
@@ -172,9 +171,13 @@ def _extent(design: FixtureDesign, level: str) -> Extent:
 
 
 class Fixture(Prop):
-    """A fixture of boxes, built from its design."""
+    """A fixture of boxes, built from its design.
 
-    _parts: tuple[Part, ...] = ()
+    Attributes:
+      parts: that move, from top to bottom and from left to right.
+    """
+
+    parts: tuple[Part, ...] = ()
 
     def _build(self, *, design: FixtureDesign, level: str, style: Style, visuals: bool, name: str) -> None:
         """Builds the fixture.
@@ -199,17 +202,9 @@ class Fixture(Prop):
         """Adds the boxes and the parts, from the bottom to the top [m]."""
         raise NotImplementedError
 
-    def _build_observables(self) -> JointObservables:
-        return JointObservables(self)
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        """The parts that move, from top to bottom and from left to right."""
-        return self._parts
-
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
-        return tuple(self._mjcf_root.find("joint", part.joint) for part in self._parts)
+        return tuple(self._mjcf_root.find("joint", part.joint) for part in self.parts)
 
     def _add_defaults(self, style: Style) -> None:
         top = self._mjcf_root.default
@@ -238,8 +233,7 @@ class Fixture(Prop):
         self, body: mjcf.Element, name: str, low: Vector, high: Vector, material: str, mass: float = 0.0
     ) -> None:
         """Adds a box between two corners, with a mass [kg]."""
-        pos = tuple((a + b) / 2 for a, b in zip(low, high, strict=True))
-        size = tuple((b - a) / 2 for a, b in zip(low, high, strict=True))
+        pos, size = np.add(low, high) / 2, np.subtract(high, low) / 2
         self._add_geoms(body, name, material, {"mass": mass}, type="box", pos=pos, size=size)
 
     def _add_carcass(self, low: Vector, high: Vector) -> None:
@@ -264,7 +258,7 @@ class Fixture(Prop):
         """Adds a part whose joint has its name; returns its body, without geoms and handle."""
         body = self._body.add("body", name=name, **place)
         body.add("joint", name=name, solimpfriction=_STIFF_FRICTION, armature=0.01, **joint)
-        self._parts = (*self._parts, Part(kind, name, f"{name}_handle", opened, words))
+        self.parts = (*self.parts, Part(kind, name, f"{name}_handle", opened, words))
         return body
 
     def _add_handle(self, body: mjcf.Element, kind: str | None, pos: Vector, *, upright: bool) -> None:

@@ -107,7 +107,7 @@ class ArmSpec:
     open: float
     tool: str
     tool_pos: Vector
-    tool_quat: Quaternion
+    tool_quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
     home: Mapping[str, float]
     hand: Callable[[], mjcf.RootElement] | None = None
     mount: str = "attachment_site"

@@ -19,7 +19,6 @@ UR5E = ArmSpec(
     open=0.0,
     tool="robotiq_2f85/base",
     tool_pos=(0.0, 0.0, 0.12),
-    tool_quat=(1.0, 0.0, 0.0, 0.0),
     # The hand is where the Franka's is.
     home=dict(zip(_SERVOS, (-2.7055, -2.8021, -1.856, 1.4095, -0.5114, 0.0617), strict=True)),
     # On a plinth, so that its shoulder is as high as the Franka's, a little further from the counter.

@@ -146,7 +146,7 @@ class KitchenExpert(Expert):
             "extra_observables": tuple(task.extra_observables),
             "observes_requests": task.mdp.task_draw is not None,
             "in_order": task.mdp.tasks_in_order,
-            "robot": robot_of(task),
+            "robot": task.robot.specification if isinstance(task.robot, Arm) else FRANKA,
         }
 
     def without_goals(self, flat: NDArray) -> NDArray:
@@ -179,7 +179,11 @@ class KitchenExpert(Expert):
             slowed = 1.0 if distance is None else max((distance - 1.0) / _SLOW_DISTANCE, _LEAST_PACE)
             self._pace = min(slowed, 1.0)
         if distance is None:
-            return self._resume_from_rest(distances, observation, joints)
+            if self._has_failed:
+                # The last retreat has ended; some tasks may have come undone.
+                self._remaining.extend(task for task in self._tasks if distances[task] > _UNDONE)
+            rest = JointTrajectory.stationary(joints, OPEN)
+            return self._then_first_task(rest, observation) if self._remaining else None
         if distance < self._done:
             self._remaining.popleft()
             return self._then_first_task(self._plan_retreat(joints), observation)
@@ -201,16 +205,6 @@ class KitchenExpert(Expert):
         requests = zip(self._goals.tasks, observation[-self._num_requests :] > 0.5, strict=True)
         wanted = {task for task, is_asked in requests if is_asked}
         return tuple(task for task in self._order if task in wanted)
-
-    def _resume_from_rest(
-        self, distances: Mapping[str, float], observation: Array, joints: Array
-    ) -> JointTrajectory | None:
-        """Starts on tasks that have come undone, if there are any, once the last retreat has ended."""
-        if self._has_failed:
-            self._remaining.extend(task for task in self._tasks if distances[task] > _UNDONE)
-        if not self._remaining:
-            return None
-        return self._then_first_task(JointTrajectory.stationary(joints, OPEN), observation)
 
     def _relative_distances(self, observation: Array) -> dict[str, float]:
         """Distances of the objects from the tasks' goals, in units of the threshold or tolerance."""
@@ -431,11 +425,6 @@ def arm_model(robot: str | ArmSpec = FRANKA) -> ArmModel:
 def scene(robot: str | ArmSpec = FRANKA) -> Scene:
     """The kitchen without visuals, shared by all instances."""
     return build_kitchen_scene(visuals=False, robot=robot)
-
-
-def robot_of(task: KitchenTask) -> str | ArmSpec:
-    """Returns the robot of a task as the expert takes it."""
-    return task.robot.specification if isinstance(task.robot, Arm) else FRANKA
 
 
 def _home(robot: str | ArmSpec) -> Array:

@@ -25,16 +25,7 @@ from kitchen_suite.policies.experts.encoders import ActionEncoder, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
 from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, BACK, DOWN, FIXED_SKILLS, SKILLS, direction
-from kitchen_suite.policies.experts.skills import (
-    ArcMove,
-    Array,
-    HandOrientation,
-    Move,
-    Prismatic,
-    Revolute,
-    Skill,
-    vector,
-)
+from kitchen_suite.policies.experts.skills import ArcMove, Array, HandOrientation, Move, Prismatic, Revolute, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
@@ -410,8 +401,9 @@ class _Kitchen:
             position = np.add(skill.object_joint.initial_position, (0.0, part.opened * opening, 0.0))
             *moves, last = skill.moves
             assert isinstance(last, Move)
-            further = dataclasses.replace(last, position=vector(np.add(last.position, (0.0, _KETTLE_FURTHER, 0.0))))
-            skill = dataclasses.replace(skill, moves=(*moves, further))
+            x, y, z = last.position
+            moves.append(dataclasses.replace(last, position=(x, y + _KETTLE_FURTHER, z)))
+            skill = dataclasses.replace(skill, moves=tuple(moves))
         if part.kind == "knob":
             x, _, height = handle
             seeds = (*seeds[1:2], seeds[0], *seeds[2:])
@@ -438,10 +430,10 @@ class _Kitchen:
         right = np.cross(handle.into, _UP)
         for pitch, yaw in itertools.product(_PITCHES, _YAWS) if turns_hand else [(0.0, 0.0)]:
             about = mink.SO3.from_z_radians(yaw)
-            approach = about.apply(handle.into * np.cos(pitch) + _UP * np.sin(pitch))
+            approach = skills.vector(about.apply(handle.into * np.cos(pitch) + _UP * np.sin(pitch)))
             for sign in (1.0, -1.0)[: 1 + turns_hand]:
-                upright = HandOrientation(approach=vector(approach), spread=vector(sign * _UP))
-                level = HandOrientation(approach=vector(approach), spread=vector(sign * about.apply(right)))
+                spreads = (skills.vector(sign * each) for each in (_UP, about.apply(right)))
+                upright, level = (HandOrientation(approach=approach, spread=spread) for spread in spreads)
                 if not turns_hand:
                     upright = level = AT_RESET
                 match kind, target.opens:
@@ -483,17 +475,17 @@ class _Handle(NamedTuple):
     @property
     def hinge(self) -> Revolute:
         """The joint of a part that swings."""
-        return Revolute(elements=(0,), anchor=vector(self.anchor), axis=vector(self.axis))
+        return Revolute(elements=(0,), anchor=skills.vector(self.anchor), axis=skills.vector(self.axis))
 
     def _skill(self, moves: tuple[Move | ArcMove, ...], joint: Revolute | Prismatic, release_steps: int = 0) -> Skill:
         """Skill without a seed, which its motions add."""
-        retreat = vector(-0.1 * self.into)
+        retreat = skills.vector(-0.1 * self.into)
         return Skill(moves=moves, ik_seed=(), object_joint=joint, retreat=retreat, release_steps=release_steps)
 
     def pull_drawer(self, hand: HandOrientation, distance: float) -> Skill:
         """Skill that grasps a drawer's bar and pulls the drawer out by a distance [m]."""
-        moves = kitchen_skills.grasp(vector(self.position), hand, _DISTANCES, settle_steps=4)
-        end = vector(np.array(moves[-1].position) - self.into * distance)
+        moves = kitchen_skills.grasp(skills.vector(self.position), hand, _DISTANCES, settle_steps=4)
+        end = skills.vector(np.array(moves[-1].position) - self.into * distance)
         pull = Move(position=end, orientation=hand, fingers=skills.CLOSED, speed=0.4)
         return self._skill((*moves, pull), _ANY_WAY, release_steps=3)
 
@@ -501,18 +493,18 @@ class _Handle(NamedTuple):
         """Skill that pushes the front of a drawer below its bar, by a distance [m]."""
         contact = self.front - _UP * _BESIDE
         tips = (contact - 0.12 * self.into, contact - 0.03 * self.into, contact + (distance + 0.02) * self.into)
-        return self._skill(kitchen_skills.push([*map(vector, tips)], hand, speed=0.4), _ANY_WAY)
+        return self._skill(kitchen_skills.push([*map(skills.vector, tips)], hand, speed=0.4), _ANY_WAY)
 
     def swing(self, hand: HandOrientation, angle: float, ratio: float, distances: Vector = _DISTANCES) -> Skill:
         """Skill that grasps the bar of a door or of a knob and swings it to an angle [rad]."""
-        moves = kitchen_skills.grasp(vector(self.position), hand, distances, settle_steps=4)
+        moves = kitchen_skills.grasp(skills.vector(self.position), hand, distances, settle_steps=4)
         arc = ArcMove(angle=angle, hand_rotation_ratio=ratio, speed=1.0)
         return self._skill((*moves, arc), self.hinge, release_steps=3)
 
     def shut(self, hand: HandOrientation, side: Array) -> Skill:
         """Skill that pushes the front of a door shut, beside its bar on a side, the way to the hinges."""
         contact = self.front + side * _BESIDE
-        tips = [vector(contact - 0.12 * self.into), vector(contact - 0.03 * self.into)]
+        tips = [skills.vector(contact - 0.12 * self.into), skills.vector(contact - 0.03 * self.into)]
         arc = ArcMove(angle=0.0, hand_rotation_ratio=0.3, speed=1.0)
         return self._skill((*kitchen_skills.push(tips, hand, speed=0.4), arc), self.hinge)
 
@@ -521,15 +513,15 @@ class _Handle(NamedTuple):
         sign = np.sign(distance)
         contact = self.position + 0.02 * self.into - sign * _ALONG * way
         tips = (contact - 0.12 * self.into - sign * 0.03 * way, contact - sign * 0.02 * way, contact + distance * way)
-        return self._skill(kitchen_skills.push([*map(vector, tips)], hand, speed=0.5), _ANY_WAY)
+        return self._skill(kitchen_skills.push([*map(skills.vector, tips)], hand, speed=0.5), _ANY_WAY)
 
 
 def _turn_back(handle: Array, hand: HandOrientation) -> Skill:
     """Skill that turns a knob off by pushing the upper end of its bar to the left, from where it stands when off."""
     tip = np.add(handle, (_LEVER, 0.0, _LEVER))
-    tips = [vector(tip - (0.0, 0.07, 0.0)), vector(tip)]
+    tips = [skills.vector(tip - (0.0, 0.07, 0.0)), skills.vector(tip)]
     moves = (*kitchen_skills.push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0))
-    hinge = Revolute(elements=(0,), anchor=vector(handle), axis=BACK)
+    hinge = Revolute(elements=(0,), anchor=skills.vector(handle), axis=BACK)
     return Skill(moves=moves, ik_seed=(), object_joint=hinge, retreat=(0.0, -0.04, 0.0))
 
 

@@ -8,21 +8,12 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite.entities import MicrowaveTableArena, build_microwave_table_scene
+from kitchen_suite.policies.experts import skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
 from kitchen_suite.policies.experts.kitchen_skills import UP, grasp
 from kitchen_suite.policies.experts.open_cabinet import panda_model
-from kitchen_suite.policies.experts.skills import (
-    CLOSED,
-    OPEN,
-    ArcMove,
-    Array,
-    HandOrientation,
-    Move,
-    Revolute,
-    Skill,
-    vector,
-)
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN, ArcMove, Array, HandOrientation, Move, Revolute, Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import make_mode
@@ -97,7 +88,7 @@ class MicrowaveExpert(Expert):
 
     def _plan_grasp(self, handle: Array) -> JointTrajectory:
         """Plans the way of the hand to the handle at a position `(3,)` [m], and the closing of its fingers."""
-        place = vector(self._place(handle, -_BESIDE))
+        place = skills.vector(self._place(handle, -_BESIDE))
         moves = grasp(place, self._orientation, _DISTANCES, settle_steps=_CLOSING_STEPS, speed=_APPROACH_SPEED)
         seed = tuple(DEFAULT_POSE[:7].tolist())
         self._skill = Skill(moves=moves, ik_seed=seed, retreat=_RETREAT, release_steps=_OPENING_STEPS)
@@ -109,10 +100,10 @@ class MicrowaveExpert(Expert):
         hinges = self._observed_hinges(door, handle) if is_known else handle - _turn(door) @ _closed_handle()
         place = self._place(handle, -_PRESSED)
         # The hand keeps its place at the handle without turning, so it moves about an axis of its own.
-        axis = Revolute(elements=(0,), anchor=vector(place + hinges - handle), axis=UP)
+        axis = Revolute(elements=(0,), anchor=skills.vector(place + hinges - handle), axis=UP)
         orientation = HandOrientation.from_rotation(self._kinematics.forward(joints).rotation())
         arc = ArcMove(angle=OPEN_ANGLE - door if is_known else -_FIRST_ANGLE, speed=_DOOR_SPEED)
-        moves = Move(position=vector(place), orientation=orientation), arc
+        moves = Move(position=skills.vector(place), orientation=orientation), arc
         swing = Skill(moves=moves, ik_seed=tuple(joints.tolist()), object_joint=axis)
         planned = self._plan(swing, object_position=np.zeros(1))
         return JointTrajectory.stationary(joints, CLOSED).then(planned, self._limits)
