@@ -162,14 +162,6 @@ class FixtureDesign:
         return KINDS[self.kind].extent(self)
 
 
-def _extent(design: FixtureDesign, level: str) -> Extent:
-    """Returns what a fixture of boxes takes up."""
-    assert design.width is not None
-    height, depth = design.height or 0.0, _WALL_DEPTH if level == "wall" else _BASE_DEPTH
-    bottom, top = {"base": (-height, 0.0), "wall": (0.0, height), "tall": (_TALL_BOTTOM, _TALL_TOP)}[level]
-    return Extent((-design.width / 2, -_ROOM, bottom), (design.width / 2, depth, top))
-
-
 class Fixture(Prop):
     """A fixture of boxes, built from its design.
 
@@ -179,21 +171,17 @@ class Fixture(Prop):
 
     parts: tuple[Part, ...] = ()
 
-    def _build(self, *, design: FixtureDesign, level: str, style: Style, visuals: bool, name: str) -> None:
-        """Builds the fixture.
+    def _build(self, *, design: FixtureDesign, style: Style, visuals: bool, name: str) -> None:
+        """Builds the fixture of a design in a style; `name` is the prefix of its elements in a scene.
 
-        Args:
-          design: its sizes and options.
-          level: of its kind.
-          style: its colours.
-          visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
-          name: prefix of its elements in a scene.
+        Without `visuals` it has no visual geoms; the physics stays the same to the bit.
         """
         self._mjcf_root = assets.new_model(name)
         self._add_defaults(style)
         self._body = self._mjcf_root.worldbody.add("body", name="carcass")
-        self._level, extent = level, _extent(design, level)
-        self._furnish(design, extent.width, extent.high[1], extent.low[2], extent.high[2])
+        self._level = KINDS[design.kind].level
+        _, depth, top = design.extent.high
+        self._furnish(design, design.extent.width, depth, design.extent.low[2], top)
         self._mjcf_root.resolve_references()
         if not visuals:
             assets.remove_visuals(self._mjcf_root)
@@ -432,11 +420,14 @@ class FixtureKind:
 
     def build(self, design: FixtureDesign, style: Style, visuals: bool, name: str) -> Prop:
         """Builds the entity of a design in a style; `name` is the prefix of its elements in a scene."""
-        return self.entity(design=design, level=self.level, style=style, visuals=visuals, name=name)
+        return self.entity(design=design, style=style, visuals=visuals, name=name)
 
     def extent(self, design: FixtureDesign) -> Extent:
         """Returns what a fixture takes up, in its frame."""
-        return _extent(design, self.level)
+        assert design.width is not None
+        height, depth = design.height or 0.0, _WALL_DEPTH if self.level == "wall" else _BASE_DEPTH
+        bottom, top = {"base": (-height, 0.0), "wall": (0.0, height), "tall": (_TALL_BOTTOM, _TALL_TOP)}[self.level]
+        return Extent((-design.width / 2, -_ROOM, bottom), (design.width / 2, depth, top))
 
     def parts_of(self, prop: Prop) -> tuple[Part, ...]:
         """Returns the parts of an entity of this kind."""

@@ -163,7 +163,7 @@ class Expert(abc.ABC):
         self, skill: Skill, *, frame: mink.SE3 | None = None, object_position: Array | None = None
     ) -> JointTrajectory:
         """Plans a skill as `trajectories.plan`, with poses in free space displaced by the style's jitter."""
-        jitter, count = self._style.jitter, skill.poses_in_free_space
+        jitter, count = self._style.jitter, sum(move.in_free_space for move in skill.lines)
         offsets = self._generator.uniform(-jitter, jitter, (count, 3)) if jitter else ()
         return plan(
             self._kinematics, self._limits, skill, frame=frame, object_position=object_position, offsets=offsets

@@ -22,7 +22,7 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
-from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Move, Skill
+from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks import observables
 from kitchen_suite.tasks.control_modes.modes import make_mode
@@ -291,7 +291,7 @@ def _posture(skill: Skill, robot: str | ArmSpec, object_position: tuple[float, .
     """
     arm, home = arm_model(robot), _home(robot)
     kinematics, generator = arm.kinematics, np.random.default_rng(0)
-    first = next(move for move in skill.moves if isinstance(move, Move)).pose
+    first = skill.lines[0].pose
     position = None if object_position is None else np.array(object_position)
     if skill.object_joint and position is not None:
         first = skill.object_joint.displacement(position) @ first

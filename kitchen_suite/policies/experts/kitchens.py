@@ -211,10 +211,8 @@ class Motion(NamedTuple):
     @classmethod
     def of(cls, skill: Skill, frame: mink.SE3, position: Array, seed: tuple[float, ...]) -> Self:
         """Returns the motion of a skill that rests before the part, as the hand may come from any side."""
-        first, *others = skill.moves
-        assert isinstance(first, Move), "skills begin in free space"
-        rested = dataclasses.replace(first, settle_steps=_REST_STEPS)
-        return cls(dataclasses.replace(skill, moves=(rested, *others), ik_seed=seed), frame, position)
+        rested = dataclasses.replace(skill.lines[0], settle_steps=_REST_STEPS)
+        return cls(dataclasses.replace(skill, moves=(rested, *skill.moves[1:]), ik_seed=seed), frame, position)
 
     def with_hand(self, rotation: mink.SO3) -> Self:
         """Returns this motion with the hand's orientation in the world the same in all moves."""
@@ -223,9 +221,7 @@ class Motion(NamedTuple):
 
     def led(self, kinematics: ArmKinematics) -> Self:
         """Returns this motion in the posture to which the arm comes on a straight way from near the robot."""
-        first = self.skill.moves[0]
-        assert isinstance(first, Move), "skills begin in free space"
-        end = self.moved_frame @ first.pose
+        end = self.moved_frame @ self.skill.lines[0].pose
         joints = np.array(_aimed(_tuck(_TUCKS[0]), end.translation()))
         start = kinematics.forward(joints)
         for share in np.linspace(0.1, 1.0, 10):
@@ -247,8 +243,7 @@ class Motion(NamedTuple):
     def is_near(self, kinematics: ArmKinematics) -> bool:
         """Whether the arm reaches the first and the last place of the hand, which takes less time than a plan."""
         joints, frame = np.array(self.skill.ik_seed), self.moved_frame
-        moves = [move for move in self.skill.moves if isinstance(move, Move)]
-        for move in (moves[0], moves[-1]):
+        for move in (self.skill.lines[0], self.skill.lines[-1]):
             pose = frame @ move.pose
             joints = kinematics.inverse(pose, start=joints)
             if np.linalg.norm(kinematics.forward(joints).translation() - pose.translation()) > OUT_OF_REACH:
@@ -399,11 +394,9 @@ class _Kitchen:
         if part.joint is None:
             assert isinstance(skill.object_joint, Prismatic)
             position = np.add(skill.object_joint.initial_position, (0.0, part.opened * opening, 0.0))
-            *moves, last = skill.moves
-            assert isinstance(last, Move)
-            x, y, z = last.position
-            moves.append(dataclasses.replace(last, position=(x, y + _KETTLE_FURTHER, z)))
-            skill = dataclasses.replace(skill, moves=tuple(moves))
+            x, y, z = skill.lines[-1].position
+            last = dataclasses.replace(skill.lines[-1], position=(x, y + _KETTLE_FURTHER, z))
+            skill = dataclasses.replace(skill, moves=(*skill.moves[:-1], last))
         if part.kind == "knob":
             x, _, height = handle
             seeds = (*seeds[1:2], seeds[0], *seeds[2:])

@@ -162,9 +162,9 @@ class Skill:
     release_steps: int = 0
 
     @property
-    def poses_in_free_space(self) -> int:
-        """Number of motions whose targets jitter may displace."""
-        return sum(isinstance(move, Move) and move.in_free_space for move in self.moves)
+    def lines(self) -> tuple[Move, ...]:
+        """The straight motions; all skills begin with one."""
+        return tuple(move for move in self.moves if isinstance(move, Move))
 
     def with_orientation(self, orientation: HandOrientation) -> Self:
         """This skill with the same orientation of the hand in all moves."""
@@ -179,7 +179,6 @@ class Skill:
 
         An arc keeps the hand as it grasped.
         """
-        *_, last = (move for move in self.moves if isinstance(move, Move))
-        turn, pivot = mink.SO3.from_z_radians(angle), np.array(last.position)
+        turn, pivot = mink.SO3.from_z_radians(angle), np.array(self.lines[-1].position)
         moves = (move.turned(turn, pivot) if isinstance(move, Move) else move for move in self.moves)
         return dataclasses.replace(self, moves=tuple(moves))
