@@ -513,9 +513,9 @@ def _turn_back(handle: Array, hand: HandOrientation) -> Skill:
     """Skill that turns a knob off by pushing the upper end of its bar to the left, from where it stands when off."""
     tip = np.add(handle, (_LEVER, 0.0, _LEVER))
     tips = [skills.vector(tip - (0.0, 0.07, 0.0)), skills.vector(tip)]
-    moves = (*kitchen_skills.push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0))
+    pushes, arc = kitchen_skills.push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0)
     hinge = Revolute(elements=(0,), anchor=skills.vector(handle), axis=BACK)
-    return Skill(moves=moves, ik_seed=(), object_joint=hinge, retreat=(0.0, -0.04, 0.0))
+    return Skill(moves=(*pushes, arc), ik_seed=(), object_joint=hinge, retreat=(0.0, -0.04, 0.0))
 
 
 # Of an object that has moved by x, y and z.
