@@ -11,7 +11,6 @@ from dm_control import mjcf
 from kitchen_suite import checks
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.assets import Vector
-from kitchen_suite.entities.joints import JointObservables
 from kitchen_suite.entities.parameters import Parameter, displacement, joint_parameters, pose_parameters
 from kitchen_suite.entities.props import Prop
 
@@ -164,9 +163,6 @@ class Cabinet(Prop):
         self._mjcf_root.resolve_references()
         if not visuals:
             assets.remove_visuals(self._mjcf_root)
-
-    def _build_observables(self) -> JointObservables:
-        return JointObservables(self)
 
     @property
     def config(self) -> CabinetConfig:

@@ -19,21 +19,9 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
+from kitchen_suite.entities import fixtures
 from kitchen_suite.entities.assets import Vector
-from kitchen_suite.entities.fixtures import (
-    BAR_HALF_LENGTH,
-    DARK,
-    GAP,
-    HANDLES,
-    KETTLE,
-    KINDS,
-    PANEL,
-    STEEL,
-    STYLES,
-    FixtureDesign,
-    Part,
-    Style,
-)
+from kitchen_suite.entities.fixtures import KINDS, STYLES, FixtureDesign, Part, Style
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.parameters import Parameter, door_parameters
 from kitchen_suite.entities.props import Kettle, Prop
@@ -114,8 +102,7 @@ class Placed(NamedTuple):
     @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Least and greatest corner of its extent in the world, `(3,)` each [m]."""
-        extent = KINDS[self.design.kind].extent(self.design)
-        corners = np.array([self.in_world(np.array(corner)) for corner in (extent.low, extent.high)])
+        corners = np.array([self.in_world(np.array(corner)) for corner in self.design.extent])
         return corners.min(axis=0), corners.max(axis=0)
 
     def in_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -162,18 +149,29 @@ class KitchenDesign:
         checks.choice(split, SPLITS, "split")
         if isinstance(design, KitchenDesign):
             return design
+        if isinstance(design, str) and design.isdecimal():
+            design = int(design)
         if isinstance(design, Mapping):
-            return _in_reach(_parsed(design))
+            return _parsed(design)
         if isinstance(design, str | os.PathLike):
-            if isinstance(design, str) and design.isdecimal():
-                return cls.drawn(int(design), split)
-            return _in_reach(_parsed(_read(Path(design))))
+            return _parsed(_read(Path(design)))
         return cls.drawn(checks.integer(design, "design", minimum=0), split)
 
-    @classmethod
-    def drawn(cls, number: int, split: str) -> "KitchenDesign":
-        """Returns the design of a number of a split, from the grammar."""
-        return _drawn(number, split)
+    @staticmethod
+    @functools.lru_cache(maxsize=4096)
+    def drawn(number: int, split: str) -> "KitchenDesign":
+        """Returns the design of a number of a split: the first possible one that the grammar draws from both."""
+        generator = np.random.default_rng([SPLITS.index(split), number])
+        while True:
+            design = _Grammar(generator).design(f"{split}/{number}")
+            # A quarter of the sequences of fixtures is for tests.
+            if SPLITS[zlib.crc32(design.sequence.encode()) % 4 == 0] != split:
+                continue
+            kinds = {placed.design.kind for placed in design.placed}
+            if kinds & {"oven", "stove"} and kinds - {"oven", "stove", "hood"}:
+                with contextlib.suppress(ValueError):
+                    design.check()
+                    return design
 
     def to_json(self) -> dict[str, Any]:
         """Returns the design as a JSON object, without what is None."""
@@ -192,7 +190,7 @@ class KitchenDesign:
         for i, row in enumerate(self.rows):
             along, height = row.start, self.counter_height if row.height is None else row.height
             for j, fixture in enumerate(row.fixtures):
-                width = KINDS[fixture.kind].extent(fixture).width
+                width = fixture.extent.width
                 along += fixture.gap + width / 2
                 position = _turned(SIDES[row.side], along, row.distance, height)
                 counts[fixture.kind] += 1
@@ -211,10 +209,13 @@ class KitchenDesign:
         for kind in _TOGETHER:
             if kinds.count(kind) > 1:
                 raise ValueError(f"rows must not have more than one fixture of kind {kind!r}")
-        for i, one in enumerate(self.placed):
-            _check_space(one)
+        for i, placed in enumerate(self.placed):
+            low, high = placed.bounds
+            # The pedestal, and room for the arm's base.
+            if (low[:2] < 0.16).all() and (high[:2] > -0.16).all() and placed.design.kind != "oven":
+                raise ValueError(f"{placed.path} stands where the robot does: increase the distance of its row")
             for other in self.placed[:i]:
-                _check_apart(other, one)
+                _check_apart(other, placed)
 
 
 Design = int | str | os.PathLike[str] | Mapping[str, Any] | KitchenDesign
@@ -225,14 +226,6 @@ def _json(fields: list[tuple[str, Any]]) -> dict[str, Any]:
     """Returns fields as a JSON object: without the design's name, what is None, and gaps of 0; tuples are lists."""
     given = [(name, value) for name, value in fields if value is not None and (name, value) != ("gap", 0.0)]
     return {name: [*value] if isinstance(value, tuple) else value for name, value in given if name != "name"}
-
-
-def _check_space(placed: Placed) -> None:
-    """Raises a ValueError if a fixture stands where the robot does."""
-    low, high = placed.bounds
-    # The pedestal, and room for the arm's base.
-    if (low[:2] < 0.16).all() and (high[:2] > -0.16).all() and placed.design.kind != "oven":
-        raise ValueError(f"{placed.path} stands where the robot does: increase the distance of its row")
 
 
 def _check_apart(one: Placed, other: Placed) -> None:
@@ -247,10 +240,10 @@ def _check_apart(one: Placed, other: Placed) -> None:
         )
 
 
-def _in_reach(design: KitchenDesign) -> KitchenDesign:
-    """Returns a design; raises a ValueError if the arm is too short for one of its handles."""
+def _check_reach(design: KitchenDesign) -> None:
+    """Raises a ValueError if the arm is too short for a handle of a design."""
     # An end of a bar may be nearer than its middle.
-    shoulder, reach = np.add(robot_base(), (0.0, 0.0, _SHOULDER)), _REACH + BAR_HALF_LENGTH
+    shoulder, reach = np.add(robot_base(), (0.0, 0.0, _SHOULDER)), _REACH + fixtures.BAR_HALF_LENGTH
     for placed in design.placed:
         for name, position in _handles(placed.design):
             distance = np.linalg.norm(placed.in_world(position) - shoulder)
@@ -259,7 +252,6 @@ def _in_reach(design: KitchenDesign) -> KitchenDesign:
                     f"{placed.path} ({placed.design.kind}) has {name} out of reach: {distance:.2f} m from the "
                     f"robot's shoulder, at most {reach:.2f} m"
                 )
-    return design
 
 
 @functools.cache
@@ -290,6 +282,7 @@ def _parsed(value: object) -> KitchenDesign:
         kettle=checks.boolean(fields.get("kettle", False), "kettle"),
     )
     design.check()
+    _check_reach(design)
     return design
 
 
@@ -352,7 +345,7 @@ class _Grammar:
 
     def __init__(self, generator: np.random.Generator) -> None:
         self._generator = generator
-        self._handle = self._choice(HANDLES, (0.7, 0.3))
+        self._handle = self._choice(fixtures.HANDLES, (0.7, 0.3))
 
     def design(self, name: str) -> KitchenDesign:
         """Returns a design, which need not be possible."""
@@ -420,7 +413,7 @@ class _Grammar:
             allowed = np.where([kind in used for kind in kinds], 0.0, weights)
             kind = self._choice(kinds, allowed / allowed.sum())
             fixture = self._parametric(kind, min(width, self._number(0.35, 0.7)))
-            taken = KINDS[fixture.kind].extent(fixture).width
+            taken = fixture.extent.width
             if fixture.kind == "slide_cabinet" and not fixtures:
                 # Its handle, at its left end, would be too far to the left.
                 fixture, taken = dataclasses.replace(fixture, gap=0.3), taken + 0.3
@@ -469,22 +462,6 @@ def _row(
     return Row(side=side, level=level, distance=distance, start=start, height=height, fixtures=fixtures)
 
 
-@functools.lru_cache(maxsize=4096)
-def _drawn(number: int, split: str) -> KitchenDesign:
-    """Returns a design of a split: the first possible one that the grammar draws from the two seeds."""
-    grammar_draws = np.random.default_rng([SPLITS.index(split), number])
-    while True:
-        design = _Grammar(grammar_draws).design(f"{split}/{number}")
-        # A quarter of the sequences of fixtures is for tests.
-        if SPLITS[zlib.crc32(design.sequence.encode()) % 4 == 0] != split:
-            continue
-        kinds = {placed.design.kind for placed in design.placed}
-        if kinds & {"oven", "stove"} and kinds - {"oven", "stove", "hood"}:
-            with contextlib.suppress(ValueError):
-                design.check()
-                return design
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GeneratedKitchen(Scene):
     """A robot in a generated kitchen.
@@ -519,23 +496,23 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
     """
     made = KitchenDesign.make(design, split)
     arena = GeneratedKitchenArena(visuals=visuals)
-    # The robot first: its joints, bodies and actuators have the same indices in every kitchen.
+    # The robot first, without its site in the world: all that is of it has the same indices in every kitchen.
     robot, style = Franka(visuals=visuals), STYLES[made.style]
     arena.attach_at_site(robot)
+    arena.mjcf_model.find("site", robot.mjcf_model.model).remove()
     props: dict[str, Prop] = {}
     parts: list[tuple[str, Part]] = []
     for placed in made.placed:
         kind = KINDS[placed.design.kind]
         prop = props[placed.name] = kind.build(placed.design, style, visuals, placed.name)
-        arena.add_site(placed.name, placed.in_world(np.array(kind.origin)), placed.yaw)
-        arena.attach_at_site(prop)
+        arena.attach_at(prop, placed.in_world(np.array(kind.origin)), placed.yaw)
         parts += [(placed.name, part) for part in kind.parts_of(prop)]
     if made.kettle:
         oven = next(each for each in made.placed if each.design.kind == "oven")
         kettle = props["kettle"] = Kettle(visuals=visuals)
-        arena.add_site("kettle", oven.in_world(np.array(KINDS["oven"].origin) + _KETTLE_PLACE), oven.yaw)
-        arena.attach_at_site(kettle, free=True)
-        parts.append(("kettle", KETTLE))
+        place = oven.in_world(np.array(KINDS["oven"].origin) + _KETTLE_PLACE)
+        arena.attach_at(kettle, place, oven.yaw).add("freejoint")
+        parts.append(("kettle", fixtures.KETTLE))
     if len(parts) > MAX_PARTS:
         raise ValueError(f"rows must have at most {MAX_PARTS} drawers, doors and knobs, got {len(parts)}")
     if visuals:
@@ -562,7 +539,7 @@ def _add_surroundings(arena: GeneratedKitchenArena, design: KitchenDesign) -> No
     style = STYLES[design.style]
     backs = dict.fromkeys(SIDES, 0.0)
     for placed in design.placed:
-        depth = KINDS[placed.design.kind].extent(placed.design).high[1]
+        depth = placed.design.extent.high[1]
         backs[placed.row.side] = max(backs[placed.row.side], placed.row.distance + depth)
     for placed in design.placed:
         for name, low, high, color in _fillings(placed, backs[placed.row.side], style):
@@ -587,17 +564,16 @@ def _fillings(placed: Placed, wall: float, style: Style) -> Iterator[tuple[str, 
 
     `wall` is the distance of the wall behind it from the axis of the robot's base [m].
     """
-    extent = KINDS[placed.design.kind].extent(placed.design)
-    (left, _, bottom), (right, depth, top) = extent.low, extent.high
+    (left, _, bottom), (right, depth, top) = placed.design.extent
     back, floor = wall - placed.row.distance, FLOOR - placed.position[2]
     if placed.row.level != "counter":
         yield "filling", (left, depth, bottom), (right, back, top), style.carcass
     if placed.design.kind == "oven":
         # Behind the knobs, where the hood is if there is one.
-        yield "panel", (left + 0.01, _PANEL_FRONT, _PANEL_BOTTOM), (right - 0.01, back, _PANEL_TOP), DARK
+        yield "panel", (left + 0.01, _PANEL_FRONT, _PANEL_BOTTOM), (right - 0.01, back, _PANEL_TOP), fixtures.DARK
     elif placed.row.level in ("base", "tall"):
         plinth = floor + _PLINTH
-        yield "plinth", (left, _RECESS, floor), (right, back, min(plinth, bottom)), DARK
-        yield "lower_carcass", (left, PANEL, plinth), (right, back, bottom), style.carcass
-        front = STEEL if placed.design.kind == "stove" else style.front
-        yield "lower_front", (left + GAP, 0.0, plinth), (right - GAP, PANEL, bottom), front
+        yield "plinth", (left, _RECESS, floor), (right, back, min(plinth, bottom)), fixtures.DARK
+        yield "lower_carcass", (left, fixtures.PANEL, plinth), (right, back, bottom), style.carcass
+        front = fixtures.STEEL if placed.design.kind == "stove" else style.front
+        yield "lower_front", (left + fixtures.GAP, 0.0, plinth), (right - fixtures.GAP, fixtures.PANEL, bottom), front

@@ -15,7 +15,6 @@ from dm_control import mjcf
 
 from kitchen_suite.entities import assets, props
 from kitchen_suite.entities.assets import Vector
-from kitchen_suite.entities.joints import JointObservables
 from kitchen_suite.entities.props import Prop
 
 # Kinds of parts.
@@ -118,8 +117,7 @@ class Part:
     twin: str | None = None
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Extent:
+class Extent(NamedTuple):
     """A box in a fixture's frame: what the fixture takes up when it is closed, with its handles [m].
 
     Attributes:
@@ -158,35 +156,32 @@ class FixtureDesign:
     hinge: str | None = None
     gap: float = 0.0
 
-
-def _extent(design: FixtureDesign, level: str) -> Extent:
-    """Returns what a fixture of boxes takes up."""
-    assert design.width is not None
-    height, depth = design.height or 0.0, _WALL_DEPTH if level == "wall" else _BASE_DEPTH
-    bottom, top = {"base": (-height, 0.0), "wall": (0.0, height), "tall": (_TALL_BOTTOM, _TALL_TOP)}[level]
-    return Extent(low=(-design.width / 2, -_ROOM, bottom), high=(design.width / 2, depth, top))
+    @property
+    def extent(self) -> Extent:
+        """Box that the fixture takes up, in its frame."""
+        return KINDS[self.kind].extent(self)
 
 
 class Fixture(Prop):
-    """A fixture of boxes, built from its design."""
+    """A fixture of boxes, built from its design.
 
-    _parts: tuple[Part, ...] = ()
+    Attributes:
+      parts: that move, from top to bottom and from left to right.
+    """
 
-    def _build(self, *, design: FixtureDesign, level: str, style: Style, visuals: bool, name: str) -> None:
-        """Builds the fixture.
+    parts: tuple[Part, ...] = ()
 
-        Args:
-          design: its sizes and options.
-          level: of its kind.
-          style: its colours.
-          visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
-          name: prefix of its elements in a scene.
+    def _build(self, *, design: FixtureDesign, style: Style, visuals: bool, name: str) -> None:
+        """Builds the fixture of a design in a style; `name` is the prefix of its elements in a scene.
+
+        Without `visuals` it has no visual geoms; the physics stays the same to the bit.
         """
         self._mjcf_root = assets.new_model(name)
         self._add_defaults(style)
         self._body = self._mjcf_root.worldbody.add("body", name="carcass")
-        self._level, extent = level, _extent(design, level)
-        self._furnish(design, extent.width, extent.high[1], extent.low[2], extent.high[2])
+        self._level = KINDS[design.kind].level
+        _, depth, top = design.extent.high
+        self._furnish(design, design.extent.width, depth, design.extent.low[2], top)
         self._mjcf_root.resolve_references()
         if not visuals:
             assets.remove_visuals(self._mjcf_root)
@@ -195,17 +190,9 @@ class Fixture(Prop):
         """Adds the boxes and the parts, from the bottom to the top [m]."""
         raise NotImplementedError
 
-    def _build_observables(self) -> JointObservables:
-        return JointObservables(self)
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        """The parts that move, from top to bottom and from left to right."""
-        return self._parts
-
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
-        return tuple(self._mjcf_root.find("joint", part.joint) for part in self._parts)
+        return tuple(self._mjcf_root.find("joint", part.joint) for part in self.parts)
 
     def _add_defaults(self, style: Style) -> None:
         top = self._mjcf_root.default
@@ -234,8 +221,7 @@ class Fixture(Prop):
         self, body: mjcf.Element, name: str, low: Vector, high: Vector, material: str, mass: float = 0.0
     ) -> None:
         """Adds a box between two corners, with a mass [kg]."""
-        pos = tuple((a + b) / 2 for a, b in zip(low, high, strict=True))
-        size = tuple((b - a) / 2 for a, b in zip(low, high, strict=True))
+        pos, size = np.add(low, high) / 2, np.subtract(high, low) / 2
         self._add_geoms(body, name, material, {"mass": mass}, type="box", pos=pos, size=size)
 
     def _add_carcass(self, low: Vector, high: Vector) -> None:
@@ -260,7 +246,7 @@ class Fixture(Prop):
         """Adds a part whose joint has its name; returns its body, without geoms and handle."""
         body = self._body.add("body", name=name, **place)
         body.add("joint", name=name, solimpfriction=_STIFF_FRICTION, armature=0.01, **joint)
-        self._parts = (*self._parts, Part(kind, name, f"{name}_handle", opened, words))
+        self.parts = (*self.parts, Part(kind, name, f"{name}_handle", opened, words))
         return body
 
     def _add_handle(self, body: mjcf.Element, kind: str | None, pos: Vector, *, upright: bool) -> None:
@@ -434,11 +420,14 @@ class FixtureKind:
 
     def build(self, design: FixtureDesign, style: Style, visuals: bool, name: str) -> Prop:
         """Builds the entity of a design in a style; `name` is the prefix of its elements in a scene."""
-        return self.entity(design=design, level=self.level, style=style, visuals=visuals, name=name)
+        return self.entity(design=design, style=style, visuals=visuals, name=name)
 
     def extent(self, design: FixtureDesign) -> Extent:
         """Returns what a fixture takes up, in its frame."""
-        return _extent(design, self.level)
+        assert design.width is not None
+        height, depth = design.height or 0.0, _WALL_DEPTH if self.level == "wall" else _BASE_DEPTH
+        bottom, top = {"base": (-height, 0.0), "wall": (0.0, height), "tall": (_TALL_BOTTOM, _TALL_TOP)}[self.level]
+        return Extent((-design.width / 2, -_ROOM, bottom), (design.width / 2, depth, top))
 
     def parts_of(self, prop: Prop) -> tuple[Part, ...]:
         """Returns the parts of an entity of this kind."""
@@ -477,7 +466,7 @@ class KitchenPropKind(FixtureKind):
 
     def extent(self, design: FixtureDesign) -> Extent:
         (x, y, z), high = (tuple(np.add(corner, self.origin).tolist()) for corner in (self.low, self.high))
-        return Extent(low=(x, y - self.room, z), high=high)
+        return Extent((x, y - self.room, z), high)
 
     def parts_of(self, prop: Prop) -> tuple[Part, ...]:
         return self.parts

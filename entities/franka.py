@@ -182,15 +182,7 @@ class Franka(Robot):
     def _add_joint(self, body: mjcf.Element, actuator: JointActuator, **attributes: Any) -> None:
         attributes |= {"range": actuator.range, "damping": actuator.damping, "armature": actuator.armature}
         joint = body.add("joint", name=actuator.joint, **attributes)
-        self._mjcf_root.actuator.add(
-            "position",
-            name=actuator.joint,
-            joint=joint,
-            kp=actuator.gain,
-            kv=actuator.velocity_gain,
-            forcerange=(-actuator.force, actuator.force),
-            ctrlrange=actuator.control_range,
-        )
+        self._mjcf_root.actuator.add("position", name=actuator.joint, joint=joint, **actuator.servo)
 
 
 class FrankaObservables(JointObservables):

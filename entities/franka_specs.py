@@ -41,6 +41,12 @@ class JointActuator:
     force: float
     control_range: Limits
 
+    @property
+    def servo(self) -> Attributes:
+        """MJCF attributes of the actuator, but for names."""
+        forces = (-self.force, self.force)
+        return {"kp": self.gain, "kv": self.velocity_gain, "forcerange": forces, "ctrlrange": self.control_range}
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Inertia:

@@ -35,6 +35,9 @@ class Prop(assets.NamedEntity):
         """The joints, in the order in which scenes observe them; none unless a prop says otherwise."""
         return ()
 
+    def _build_observables(self) -> composer.Observables:
+        return JointObservables(self) if self.joints else super()._build_observables()
+
     @property
     def handles(self) -> tuple[mjcf.Element, ...]:
         """The sites at its handles, knobs and switches."""
@@ -61,9 +64,6 @@ class KitchenProp(Prop):
         """
         self._mjcf_root = assets.load_mjcf(self.xml_name, visuals=visuals)
         self._mjcf_root.model = name or self.xml_name
-
-    def _build_observables(self) -> composer.Observables:
-        return JointObservables(self) if self.joint_names else super()._build_observables()
 
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:

@@ -107,7 +107,7 @@ class ArmSpec:
     open: float
     tool: str
     tool_pos: Vector
-    tool_quat: Quaternion
+    tool_quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
     home: Mapping[str, float]
     hand: Callable[[], mjcf.RootElement] | None = None
     mount: str = "attachment_site"
@@ -235,29 +235,31 @@ def _servos(specification: ArmSpec) -> tuple[JointActuator, ...]:
     return tuple(JointActuator(**dict(zip(columns, row, strict=True))) for row in rows)
 
 
-def package_folder(package: str, robot: str, install: str = checks.install_command("arms")) -> Path:
-    """Returns the folder of a package, without importing it, that has the model of a robot.
+def load_package_mjcf(
+    package: str, file: str, robot: str, install: str = checks.install_command("arms")
+) -> mjcf.RootElement:
+    """Parses an MJCF file in the folder of a package, without importing the package, for a robot.
 
     Raises an ImportError with the command to `install` it if it is missing.
     """
     spec = importlib.util.find_spec(package)
     if spec is None or not spec.submodule_search_locations:
         raise ImportError(f"robot {robot!r} needs {package}: {install}")
-    return Path(next(iter(spec.submodule_search_locations)))
+    return load_mjcf(Path(next(iter(spec.submodule_search_locations)), file))
 
 
-def menagerie_file(model: str, file: str, robot: str) -> Path:
-    """Returns a file of MuJoCo Menagerie for a robot; the package mujoco-menagerie downloads its folder on first use.
+def load_menagerie_mjcf(folder: str, file: str, robot: str) -> mjcf.RootElement:
+    """Parses an MJCF file of MuJoCo Menagerie for a robot; the package mujoco-menagerie downloads its folder once.
 
     Where the variable MENAGERIE_ROOT names a copy of Menagerie's folder, nothing is downloaded.
     """
-    package_folder("mujoco_menagerie", robot)
+    checks.installed(("mujoco_menagerie",), f"robot {robot!r}", "arms")
     menagerie = importlib.import_module("mujoco_menagerie")
     try:
-        folder: Path = menagerie.get(model).path()
+        downloaded: Path = menagerie.get(folder).path()
     except menagerie.MenagerieError as error:
-        raise OSError(f"robot {robot!r} needs the folder {model} of MuJoCo Menagerie: {error}") from error
-    return folder / file
+        raise OSError(f"robot {robot!r} needs the folder {folder} of MuJoCo Menagerie: {error}") from error
+    return load_mjcf(downloaded / file)
 
 
 def load_mjcf(path: Path) -> mjcf.RootElement:

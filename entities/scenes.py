@@ -269,15 +269,10 @@ class GeneratedKitchenArena(KitchenArena):
         # Narrower than in the original kitchen, where the front of the oven is in the pedestal.
         self._mjcf_root.find("geom", "pedestal").size = (_PEDESTAL_RADIUS, 0.9)
 
-    def add_site(self, name: str, position: NDArray[np.float64], yaw: float) -> None:
-        """Adds the site at which a fixture is attached: its position [m], and its rotation about the vertical [rad]."""
-        quat = (np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
-        self._mjcf_root.worldbody.add("site", name=name, pos=position, quat=quat, group=5)
-
-    def attach_at_site(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
-        """Attaches an entity as `SiteArena` does, and removes the site: those of the robot come after the world's."""
-        frame = super().attach_at_site(entity, free=free)
-        self._mjcf_root.find("site", entity.mjcf_model.model).remove()
+    def attach_at(self, entity: composer.Entity, position: NDArray[np.float64], yaw: float) -> mjcf.Element:
+        """Attaches an entity at a position [m], rotated about the vertical by `yaw` [rad]; returns the frame."""
+        frame = self.attach(entity)
+        frame.set_attributes(pos=position, quat=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)))
         return frame
 
     def add_box(self, name: str, low: ArrayLike, high: ArrayLike, **attributes: Any) -> None:

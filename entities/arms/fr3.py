@@ -1,31 +1,21 @@
 """The Franka FR3 with the Franka hand, from MuJoCo Menagerie. Nobody has tried it in the kitchen yet."""
 
-from dm_control import mjcf
+import functools
 
-from kitchen_suite.entities.robot import ArmSpec, load_mjcf, menagerie_file
+from kitchen_suite.entities.robot import ArmSpec, load_menagerie_mjcf
 
 _SERVOS = {f"fr3_joint{number}": f"fr3_joint{number}" for number in range(1, 8)}
 
-
-def _arm() -> mjcf.RootElement:
-    return load_mjcf(menagerie_file("franka_fr3", "fr3.xml", "fr3"))
-
-
-def _hand() -> mjcf.RootElement:
-    return load_mjcf(menagerie_file("franka_emika_panda", "hand.xml", "fr3"))
-
-
 FR3 = ArmSpec(
     name="fr3",
-    arm=_arm,
-    hand=_hand,
+    arm=functools.partial(load_menagerie_mjcf, "franka_fr3", "fr3.xml", "fr3"),
+    hand=functools.partial(load_menagerie_mjcf, "franka_emika_panda", "hand.xml", "fr3"),
     servos=_SERVOS,
     hand_actuators=("panda hand/actuator8",),
     closed=0.0,
     open=255.0,
     tool="panda hand/hand",
     tool_pos=(0.0, 0.0, 0.075),
-    tool_quat=(1.0, 0.0, 0.0, 0.0),
     # The hand is where that of the kitchen's Franka is.
     home={
         **dict(zip(_SERVOS, (-0.1535, -0.9313, 1.8788, -2.4513, -0.8281, 2.1155, -0.7525), strict=True)),

@@ -3,28 +3,18 @@
 from dm_control import mjcf
 
 from kitchen_suite.entities.franka_specs import PANDA as PUBLISHED
-from kitchen_suite.entities.robot import ArmSpec, load_mjcf, package_folder
+from kitchen_suite.entities.robot import ArmSpec, load_package_mjcf
 
 _SERVOS = {f"joint{number}": f"actuator{number}" for number in range(1, 8)}
 
 
 def _arm() -> mjcf.RootElement:
     # Without what gym-hil needs, which wants an older MuJoCo.
-    folder = package_folder("gym_hil", "panda", "pip install --no-deps 'gym-hil>=0.1.14'")
-    model = load_mjcf(folder / "assets" / "panda.xml")
+    model = load_package_mjcf("gym_hil", "assets/panda.xml", "panda", "pip install --no-deps 'gym-hil>=0.1.14'")
     # Its arm has motors in place of position servos.
     for number, link in enumerate(PUBLISHED.links, start=1):
-        servo, name = link.actuator, f"actuator{number}"
-        model.find("actuator", name).remove()
-        model.actuator.add(
-            "position",
-            name=name,
-            joint=f"joint{number}",
-            kp=servo.gain,
-            kv=servo.velocity_gain,
-            forcerange=(-servo.force, servo.force),
-            ctrlrange=servo.control_range,
-        )
+        model.find("actuator", f"actuator{number}").remove()
+        model.actuator.add("position", name=f"actuator{number}", joint=f"joint{number}", **link.actuator.servo)
     return model
 
 

@@ -1,39 +1,24 @@
 """The Universal Robots UR5e with a Robotiq 2F-85 hand, from the package ogbench."""
 
-from pathlib import Path
+import functools
 
-from dm_control import mjcf
-
-from kitchen_suite.entities.robot import ArmSpec, load_mjcf, package_folder
+from kitchen_suite.entities.robot import ArmSpec, load_package_mjcf
 
 _SERVOS = {
     f"{name}_joint": name for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 }
-
-
-def _folder() -> Path:
-    return package_folder("ogbench", "ur5e") / "manipspace" / "descriptions"
-
-
-def _arm() -> mjcf.RootElement:
-    return load_mjcf(_folder() / "universal_robots_ur5e" / "ur5e.xml")
-
-
-def _hand() -> mjcf.RootElement:
-    return load_mjcf(_folder() / "robotiq_2f85" / "2f85.xml")
-
+_FOLDER = "manipspace/descriptions"
 
 UR5E = ArmSpec(
     name="ur5e",
-    arm=_arm,
-    hand=_hand,
+    arm=functools.partial(load_package_mjcf, "ogbench", f"{_FOLDER}/universal_robots_ur5e/ur5e.xml", "ur5e"),
+    hand=functools.partial(load_package_mjcf, "ogbench", f"{_FOLDER}/robotiq_2f85/2f85.xml", "ur5e"),
     servos=_SERVOS,
     hand_actuators=("robotiq_2f85/fingers_actuator",),
     closed=255.0,
     open=0.0,
     tool="robotiq_2f85/base",
     tool_pos=(0.0, 0.0, 0.12),
-    tool_quat=(1.0, 0.0, 0.0, 0.0),
     # The hand is where the Franka's is.
     home=dict(zip(_SERVOS, (-2.7055, -2.8021, -1.856, 1.4095, -0.5114, 0.0617), strict=True)),
     # On a plinth, so that its shoulder is as high as the Franka's, a little further from the counter.

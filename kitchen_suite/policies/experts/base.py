@@ -6,14 +6,15 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar, Self
 
 import dm_env
+import mink
 import numpy as np
 from dm_control import composer
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
 from kitchen_suite.policies.experts.encoders import ActionEncoder
-from kitchen_suite.policies.experts.skills import Array
-from kitchen_suite.policies.experts.trajectories import JointTrajectory
+from kitchen_suite.policies.experts.skills import Array, Skill
+from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks.mdp import ActionMode
 
 # A trajectory that the arm does not follow is halted, and fails after this many control steps.
@@ -59,6 +60,7 @@ class Expert(abc.ABC):
 
     # Share of the style's speed at which the trajectory is followed at present.
     _pace: float = 1.0
+    _skill: Skill  # From which the hand retreats.
     _target: Array  # Of the arm's joints in the last control step; their positions where a trajectory begins [rad].
 
     def __init__(self, style: MotionStyle | None, encoder: ActionEncoder) -> None:
@@ -157,11 +159,20 @@ class Expert(abc.ABC):
         """Returns whether the trajectory ended that many control steps ago, or the arm cannot follow it."""
         return self._time >= self._current_trajectory.duration + settle_steps or self._halted_steps >= _MAX_HALTED_STEPS
 
-    def _draw_offsets(self, count: int) -> Array:
-        """Draws displacements `(count, 3)` of poses in free space [m]."""
-        if not self._style.jitter:
-            return np.zeros((count, 3))
-        return self._generator.uniform(-self._style.jitter, self._style.jitter, (count, 3))
+    def _plan(
+        self, skill: Skill, *, frame: mink.SE3 | None = None, object_position: Array | None = None
+    ) -> JointTrajectory:
+        """Plans a skill as `trajectories.plan`, with poses in free space displaced by the style's jitter."""
+        jitter, count = self._style.jitter, sum(move.in_free_space for move in skill.lines)
+        offsets = self._generator.uniform(-jitter, jitter, (count, 3)) if jitter else ()
+        return plan(
+            self._kinematics, self._limits, skill, frame=frame, object_position=object_position, offsets=offsets
+        )
+
+    def _plan_retreat(self, joints: Array) -> JointTrajectory:
+        """Plans the retreat after the last skill, from joint positions `(7,)` [rad]."""
+        fingers = self._current_fingers
+        return plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=fingers)
 
     @abc.abstractmethod
     def robot_positions(self, observation: Array) -> Array:

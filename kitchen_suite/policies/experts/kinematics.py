@@ -1,6 +1,5 @@
 """Kinematics of the experts' arm, on a model built from the same entities as the scene."""
 
-import functools
 from collections.abc import Callable
 
 import mink
@@ -26,19 +25,6 @@ _TOLERANCE, _MAX_ITERATIONS = 1e-4, 60
 _HAND_DAMPING, _DAMPING = 1e-3, 1e-6
 
 
-@functools.cache
-def _robot_model(
-    build_arena: Callable[..., SiteArena], spec: FrankaSpec | ArmSpec
-) -> tuple[mujoco.MjModel, str, str, int]:
-    """Model of a robot alone in an arena, names of the hand's site and of the base, size; shared by all instances."""
-    arena = build_arena(visuals=False)
-    robot: Robot = Arm(spec, visuals=False) if isinstance(spec, ArmSpec) else Franka(spec, visuals=False)
-    arena.attach_at_site(robot)
-    base = mjcf.get_attachment_frame(robot.mjcf_model).full_identifier
-    model = mjcf.Physics.from_mjcf_model(arena.mjcf_model).model.ptr
-    return model, robot.end_effector.full_identifier, base, robot.arm_size
-
-
 class ArmKinematics:
     """Forward and inverse kinematics of the arm's joints, gravity torques, and the base's pose in the world.
 
@@ -51,9 +37,13 @@ class ArmKinematics:
 
     def __init__(self, build_arena: Callable[..., SiteArena], spec: FrankaSpec | ArmSpec) -> None:
         """Builds the kinematics of a robot at its site in an arena of a class."""
-        self._model, self._site, base, size = _robot_model(build_arena, spec)
-        self.arm = slice(0, size)
+        arena = build_arena(visuals=False)
+        robot: Robot = Arm(spec, visuals=False) if isinstance(spec, ArmSpec) else Franka(spec, visuals=False)
+        arena.attach_at_site(robot)
+        self._model = mjcf.Physics.from_mjcf_model(arena.mjcf_model).model.ptr
+        self.arm, self._site = slice(0, robot.arm_size), robot.end_effector.full_identifier
         self._configuration = mink.Configuration(self._model)
+        base = mjcf.get_attachment_frame(robot.mjcf_model).full_identifier
         self.base = self._configuration.get_transform_frame_to_world(base, "body")
         self._hand_task = mink.FrameTask(self._site, "site", 1.0, _ORIENTATION_COST, lm_damping=_HAND_DAMPING)
         self._posture_task = mink.PostureTask(self._model, cost=_POSTURE_COST)

@@ -22,14 +22,8 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
-from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Move, Skill
-from kitchen_suite.policies.experts.trajectories import (
-    OUT_OF_REACH,
-    JointSpeedLimits,
-    JointTrajectory,
-    plan,
-    plan_retreat,
-)
+from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Skill
+from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks import observables
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import GoalSet, StrictSuccess, Thresholds, make_success
@@ -152,7 +146,7 @@ class KitchenExpert(Expert):
             "extra_observables": tuple(task.extra_observables),
             "observes_requests": task.mdp.task_draw is not None,
             "in_order": task.mdp.tasks_in_order,
-            "robot": robot_of(task),
+            "robot": task.robot.specification if isinstance(task.robot, Arm) else FRANKA,
         }
 
     def without_goals(self, flat: NDArray) -> NDArray:
@@ -185,7 +179,11 @@ class KitchenExpert(Expert):
             slowed = 1.0 if distance is None else max((distance - 1.0) / _SLOW_DISTANCE, _LEAST_PACE)
             self._pace = min(slowed, 1.0)
         if distance is None:
-            return self._resume_from_rest(distances, observation, joints)
+            if self._has_failed:
+                # The last retreat has ended; some tasks may have come undone.
+                self._remaining.extend(task for task in self._tasks if distances[task] > _UNDONE)
+            rest = JointTrajectory.stationary(joints, OPEN)
+            return self._then_first_task(rest, observation) if self._remaining else None
         if distance < self._done:
             self._remaining.popleft()
             return self._then_first_task(self._plan_retreat(joints), observation)
@@ -208,16 +206,6 @@ class KitchenExpert(Expert):
         wanted = {task for task, is_asked in requests if is_asked}
         return tuple(task for task in self._order if task in wanted)
 
-    def _resume_from_rest(
-        self, distances: Mapping[str, float], observation: Array, joints: Array
-    ) -> JointTrajectory | None:
-        """Starts on tasks that have come undone, if there are any, once the last retreat has ended."""
-        if self._has_failed:
-            self._remaining.extend(task for task in self._tasks if distances[task] > _UNDONE)
-        if not self._remaining:
-            return None
-        return self._then_first_task(JointTrajectory.stationary(joints, OPEN), observation)
-
     def _relative_distances(self, observation: Array) -> dict[str, float]:
         """Distances of the objects from the tasks' goals, in units of the threshold or tolerance."""
         positions = np.concatenate([self._achieved(task, observation) for task in self._goals.tasks])
@@ -231,16 +219,13 @@ class KitchenExpert(Expert):
         if not self._remaining:
             return trajectory
         for _ in range(len(self._remaining)):
-            planned = self._plan(self._remaining[0], observation)
+            planned = self._plan_task(self._remaining[0], observation)
             if not self._layout.slices or planned.is_reachable:
                 return trajectory.then(planned, self._limits)
             self._remaining.rotate(-1)
-        return trajectory.then(self._plan(self._remaining[0], observation), self._limits)
+        return trajectory.then(self._plan_task(self._remaining[0], observation), self._limits)
 
-    def _plan_retreat(self, joints: Array) -> JointTrajectory:
-        return plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=self._current_fingers)
-
-    def _plan(self, task: str, observation: Array) -> JointTrajectory:
+    def _plan_task(self, task: str, observation: Array) -> JointTrajectory:
         """Chooses and plans a skill for a task, for the present positions of the joints of its goal."""
         positions = self._achieved(task, observation)
         frame = self._layout.frame(task, observation[self._parts.size :])
@@ -249,7 +234,7 @@ class KitchenExpert(Expert):
         if frame is not None:
             return self._plan_in_frame(skill, position, frame)
         if self._style.jitter:
-            return self._plan_skill(skill, position, None)
+            return self._plan(_seeded(skill, self._robot, position), object_position=position)
         rounded = None if position is None else tuple(position.round(_DECIMALS).tolist())
         return _cached_plan(skill, rounded, self._limits, self._robot)
 
@@ -257,16 +242,12 @@ class KitchenExpert(Expert):
         """Plans a skill in a frame; the hand is turned a little where its poses are out of reach."""
         tried = []
         for turn in _TURNS if self.encoder.turns_hand else _TURNS[:1]:
-            planned = self._plan_skill(skill.turned(turn) if turn else skill, position, frame)
+            turned = _seeded(skill.turned(turn) if turn else skill, self._robot, position)
+            planned = self._plan(turned, frame=frame, object_position=position)
             if planned.is_reachable and planned.arc_share >= _ENOUGH_OF_ARC:
                 return planned
             tried.append(planned)
         return max(tried, key=lambda planned: (planned.is_reachable, planned.arc_share))
-
-    def _plan_skill(self, skill: Skill, position: Array | None, frame: mink.SE3 | None) -> JointTrajectory:
-        offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
-        skill = _seeded(skill, self._robot, position)
-        return plan(self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets)
 
     def _achieved(self, task: str, observation: Array) -> Array:
         """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
@@ -310,7 +291,7 @@ def _posture(skill: Skill, robot: str | ArmSpec, object_position: tuple[float, .
     """
     arm, home = arm_model(robot), _home(robot)
     kinematics, generator = arm.kinematics, np.random.default_rng(0)
-    first = next(move for move in skill.moves if isinstance(move, Move)).pose
+    first = skill.lines[0].pose
     position = None if object_position is None else np.array(object_position)
     if skill.object_joint and position is not None:
         first = skill.object_joint.displacement(position) @ first
@@ -444,11 +425,6 @@ def arm_model(robot: str | ArmSpec = FRANKA) -> ArmModel:
 def scene(robot: str | ArmSpec = FRANKA) -> Scene:
     """The kitchen without visuals, shared by all instances."""
     return build_kitchen_scene(visuals=False, robot=robot)
-
-
-def robot_of(task: KitchenTask) -> str | ArmSpec:
-    """Returns the robot of a task as the expert takes it."""
-    return task.robot.specification if isinstance(task.robot, Arm) else FRANKA
 
 
 def _home(robot: str | ArmSpec) -> Array:

@@ -414,8 +414,8 @@ def adapted(
     if task == "kettle" and kettle[0] > _RIGHT_BURNERS:
         return KETTLE_SKILLS[int(kettle[1] > _FAR_BURNER)]
     if task == "slide cabinet" and right_door >= _IN_THE_WAY:
-        first = next(move for move in skill.moves if isinstance(move, Move))
-        return dataclasses.replace(skill, moves=(dataclasses.replace(first, position=_BESIDE_DOOR), *skill.moves))
+        beside = dataclasses.replace(skill.lines[0], position=_BESIDE_DOOR)
+        return dataclasses.replace(skill, moves=(beside, *skill.moves))
     if task == "hinge cabinet" and shuts_left_door and left_door < _NOT_SHUT:
         return _SHUT_LEFT_DOOR
     return _AJAR_SKILL if task == "left hinge cabinet" and left_door < _AJAR else skill

@@ -1,5 +1,6 @@
 """The expert of generated kitchens, which moves parts by their kind: axis, travel and handle come from the design."""
 
+import collections
 import dataclasses
 import functools
 import itertools
@@ -18,14 +19,14 @@ from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
 from kitchen_suite.entities.props import Prop
 from kitchen_suite.entities.scenes import robot_base
 from kitchen_suite.names import REVERSES
-from kitchen_suite.policies.experts import kitchen_skills, skills, trajectories
+from kitchen_suite.policies.experts import kitchen_skills, skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ActionEncoder, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
 from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, BACK, DOWN, FIXED_SKILLS, SKILLS, direction
 from kitchen_suite.policies.experts.skills import ArcMove, Array, HandOrientation, Move, Prismatic, Revolute, Skill
-from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory
+from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
 from kitchen_suite.tasks.kitchen.goals import GOALS
@@ -143,7 +144,7 @@ class PartExpert(Expert):
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
         self._present: Target | None = None
-        self._failures: dict[Target, int] = {}
+        self._failures: collections.Counter[Target | None] = collections.Counter()
         self._targets: list[Target] = []
 
     def robot_positions(self, observation: Array) -> Array:
@@ -155,41 +156,30 @@ class PartExpert(Expert):
         openings = requested[:, SLOT_PARTS["opening"].start]
         goals = requested[:, SLOT_PARTS["goal"].start] > 0.5
         done = np.where(goals, openings >= _OPENED, openings <= _SHUT)
-        rest = JointTrajectory.stationary(joints, skills.OPEN)
         if self._trajectory is None:
             self._targets = [self._kitchen.find(row) for row in requested]
-            return self._then_next(rest, done, openings)
-        present = self._present
-        if present is not None and done[self._targets.index(present)]:
-            return self._then_next(self._plan_retreat(joints), done, openings)
-        if done.all() or not self._has_ended(_SETTLE_STEPS):
-            return None
-        if present is None:
-            return self._then_next(rest, done, openings)
-        self._failures[present] = self._failures.get(present, 0) + 1
-        return self._then_next(self._plan_retreat(joints), done, openings)
+        elif self._present is None or not done[self._targets.index(self._present)]:
+            if done.all() or not self._has_ended(_SETTLE_STEPS):
+                return None
+            self._failures[self._present] += 1
+        rest = JointTrajectory.stationary(joints, skills.OPEN)
+        return self._then_next(self._plan_retreat(joints) if self._present else rest, done, openings)
 
     def _then_next(self, trajectory: JointTrajectory, done: Array, openings: Array) -> JointTrajectory:
         """Appends the trajectory of the next task that is not done: that with the fewest failures, in order."""
         pending = [target for target, is_done in zip(self._targets, done, strict=True) if not is_done]
-        if not pending:
-            self._present = None
+        self._present = target = min(pending, key=self._failures.__getitem__, default=None)
+        if target is None:
             return trajectory
-        self._present = target = min(pending, key=lambda each: self._failures.get(each, 0))
         opening = float(openings[self._targets.index(target)])
         motions = self._kitchen.motions(target, round(opening, 1), self.encoder)
-        motion = motions[self._failures.get(target, 0) % len(motions)]
+        motion = motions[self._failures[target] % len(motions)]
         self._skill = motion.skill
-        count = sum(isinstance(move, Move) and move.in_free_space for move in motion.skill.moves)
-        planned = motion.planned(self._kinematics, self._limits, self._draw_offsets(count))
+        planned = self._plan(motion.skill, frame=motion.frame, object_position=motion.position)
         path, _ = self._kitchen.path(trajectory.knots[-1], planned.knots[0], target, opening, self.encoder.turns_hand)
         for joints in path:
             trajectory = trajectory.then(JointTrajectory.stationary(joints, skills.OPEN), self._limits)
         return trajectory.then(planned, self._limits)
-
-    def _plan_retreat(self, joints: Array) -> JointTrajectory:
-        fingers = self._current_fingers
-        return trajectories.plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=fingers)
 
 
 @functools.cache
@@ -221,10 +211,8 @@ class Motion(NamedTuple):
     @classmethod
     def of(cls, skill: Skill, frame: mink.SE3, position: Array, seed: tuple[float, ...]) -> Self:
         """Returns the motion of a skill that rests before the part, as the hand may come from any side."""
-        first, *others = skill.moves
-        assert isinstance(first, Move), "skills begin in free space"
-        rested = dataclasses.replace(first, settle_steps=_REST_STEPS)
-        return cls(dataclasses.replace(skill, moves=(rested, *others), ik_seed=seed), frame, position)
+        rested = dataclasses.replace(skill.lines[0], settle_steps=_REST_STEPS)
+        return cls(dataclasses.replace(skill, moves=(rested, *skill.moves[1:]), ik_seed=seed), frame, position)
 
     def with_hand(self, rotation: mink.SO3) -> Self:
         """Returns this motion with the hand's orientation in the world the same in all moves."""
@@ -233,9 +221,7 @@ class Motion(NamedTuple):
 
     def led(self, kinematics: ArmKinematics) -> Self:
         """Returns this motion in the posture to which the arm comes on a straight way from near the robot."""
-        first = self.skill.moves[0]
-        assert isinstance(first, Move), "skills begin in free space"
-        end = self.moved_frame @ first.pose
+        end = self.moved_frame @ self.skill.lines[0].pose
         joints = np.array(_aimed(_tuck(_TUCKS[0]), end.translation()))
         start = kinematics.forward(joints)
         for share in np.linspace(0.1, 1.0, 10):
@@ -250,19 +236,14 @@ class Motion(NamedTuple):
         joint = self.skill.object_joint
         return self.frame @ joint.displacement(self.position) if joint else self.frame
 
-    def planned(
-        self, kinematics: ArmKinematics, limits: JointSpeedLimits, offsets: Array | tuple[()] = ()
-    ) -> JointTrajectory:
-        """Returns the trajectory; `offsets` as of `plan`."""
-        return trajectories.plan(
-            kinematics, limits, self.skill, frame=self.frame, object_position=self.position, offsets=iter(offsets)
-        )
+    def planned(self, kinematics: ArmKinematics, limits: JointSpeedLimits) -> JointTrajectory:
+        """Returns the trajectory without jitter."""
+        return plan(kinematics, limits, self.skill, frame=self.frame, object_position=self.position)
 
     def is_near(self, kinematics: ArmKinematics) -> bool:
         """Whether the arm reaches the first and the last place of the hand, which takes less time than a plan."""
         joints, frame = np.array(self.skill.ik_seed), self.moved_frame
-        moves = [move for move in self.skill.moves if isinstance(move, Move)]
-        for move in (moves[0], moves[-1]):
+        for move in (self.skill.lines[0], self.skill.lines[-1]):
             pose = frame @ move.pose
             joints = kinematics.inverse(pose, start=joints)
             if np.linalg.norm(kinematics.forward(joints).translation() - pose.translation()) > OUT_OF_REACH:
@@ -321,9 +302,8 @@ class _Kitchen:
                 badness = planned.position_error + 1.0 - planned.arc_share
                 if best is None or badness < best[0]:
                     best = badness, motion
-                if planned.position_error > OUT_OF_REACH or planned.arc_share < _ENOUGH_OF_ARC:
-                    continue
-                if (planned.knots < POSITION_LOW[ARM]).any() or (planned.knots > POSITION_HIGH[ARM]).any():
+                beyond = (planned.knots < POSITION_LOW[ARM]) | (planned.knots > POSITION_HIGH[ARM])
+                if not planned.is_reachable or planned.arc_share < _ENOUGH_OF_ARC or beyond.any():
                     continue
                 _, touches = self.path(HOME[ARM], planned.knots[0], target, opening, turns_hand)
                 touches += self._touches(list(planned.knots), target, opening, ~self._touchable[target.place])
@@ -335,11 +315,6 @@ class _Kitchen:
             ordered = [motion for _, motion in sorted(found, key=lambda each: each[0])]
             self._motions[key] = ordered[:_ALTERNATIVES] or [best[1]]
         return self._motions[key]
-
-    def reaches(self, target: Target, encoder: ActionEncoder) -> bool:
-        """Whether the arm can follow a motion for a part from its start."""
-        motion = self.motions(target, 0.0 if target.opens else 1.0, encoder)[0]
-        return motion.planned(arm_model().kinematics, encoder.limits).position_error <= OUT_OF_REACH
 
     def path(
         self, start: Array, end: Array, target: Target, opening: float, turns_hand: bool
@@ -385,20 +360,20 @@ class _Kitchen:
         # Where the mode chooses the posture, only such as it comes to; `led` finds the one where the hand turns.
         count = None if encoder.sets_posture else int(not encoder.turns_hand)
         seeds = (_tuck(_TUCKS[0]), *_SEEDS[:count])
-        motions = self._all_motions(self.parts[target.place], target, opening, seeds, encoder.turns_hand)
-        return motions if encoder.turns_hand else (motion.with_hand(AT_RESET.rotation) for motion in motions)
-
-    def _all_motions(
-        self, part: Part, target: Target, opening: float, seeds: _Seeds, turns_hand: bool
-    ) -> Iterator[Motion]:
+        part, turns_hand = self.parts[target.place], encoder.turns_hand
         # A hand that cannot turn pushes knobs of stoves as it does those of the oven.
         twin = part.twin if turns_hand or part.kind != "knob" else "top burner"
+        motions: Iterator[Motion] = iter(())
         if twin is not None:
-            yield from self._twins(twin, part, target, opening, seeds, turns_hand)
-            if part.kind != "door":
-                return
+            motions = self._twins(twin, target, opening, seeds, turns_hand)
+        if twin is None or part.kind == "door":
+            motions = itertools.chain(motions, self._own_motions(target, opening, seeds, turns_hand))
+        return motions if turns_hand else (motion.with_hand(AT_RESET.rotation) for motion in motions)
+
+    def _own_motions(self, target: Target, opening: float, seeds: _Seeds, turns_hand: bool) -> Iterator[Motion]:
+        """Yields motions by the axis and the handle of a part."""
         position, axis = self.slots.opened[target.place] * opening, self.slots.axis[target.place]
-        pairs = list(itertools.product(seeds, self._skills(part, target, float(position), turns_hand)))
+        pairs = list(itertools.product(seeds, self._skills(target, float(position), turns_hand)))
         # After the usual ones, those that differ from them in all respects.
         usual = min(_USUAL, len(pairs))
         others = np.random.default_rng(0).permutation(np.arange(usual, len(pairs)))
@@ -406,12 +381,10 @@ class _Kitchen:
             moved = np.array([position]) if isinstance(skill.object_joint, Revolute) else axis * position
             yield Motion.of(skill, mink.SE3.identity(), moved, _aimed(seed, self.slots.position[target.place]))
 
-    def _twins(
-        self, twin: str, part: Part, target: Target, opening: float, seeds: _Seeds, turns_hand: bool
-    ) -> Iterator[Motion]:
+    def _twins(self, twin: str, target: Target, opening: float, seeds: _Seeds, turns_hand: bool) -> Iterator[Motion]:
         """Yields the skill of the kitchen's task for a part like it, moved to where the part is."""
         reverses = {task: reverse for reverse, task in REVERSES.items()}
-        task, k = twin if target.opens else reverses[twin], target.place
+        task, k, part = twin if target.opens else reverses[twin], target.place, self.parts[target.place]
         skill, handle = (SKILLS if turns_hand else FIXED_SKILLS)[task], _default_handles()[twin]
         into = self.slots.into[k]
         yaw = np.arctan2(-into[0], into[1]) - (_MICROWAVE_YAW if twin == "microwave" else 0.0)
@@ -421,10 +394,9 @@ class _Kitchen:
         if part.joint is None:
             assert isinstance(skill.object_joint, Prismatic)
             position = np.add(skill.object_joint.initial_position, (0.0, part.opened * opening, 0.0))
-            *moves, last = skill.moves
-            assert isinstance(last, Move)
-            further = dataclasses.replace(last, position=_vector(np.add(last.position, (0.0, _KETTLE_FURTHER, 0.0))))
-            skill = dataclasses.replace(skill, moves=(*moves, further))
+            x, y, z = skill.lines[-1].position
+            last = dataclasses.replace(skill.lines[-1], position=(x, y + _KETTLE_FURTHER, z))
+            skill = dataclasses.replace(skill, moves=(*skill.moves[:-1], last))
         if part.kind == "knob":
             x, _, height = handle
             seeds = (*seeds[1:2], seeds[0], *seeds[2:])
@@ -444,22 +416,20 @@ class _Kitchen:
         for angle in _TURNS if turns_hand else (0.0,):
             yield Motion.of(skill.turned(angle) if angle else skill, frame, position, skill.ik_seed)
 
-    def _skills(self, part: Part, target: Target, position: float, turns_hand: bool) -> Iterator[Skill]:
+    def _skills(self, target: Target, position: float, turns_hand: bool) -> Iterator[Skill]:
         """Yields skills for a part whose joint is at a position [rad, m], in the world with the part closed."""
-        k, opened = target.place, part.opened
-        handle = _Handle(
-            *(each[k] for each in (self.slots.position, self.slots.into, self.slots.axis, self.slots.anchor))
-        )
+        kind, opened = self.parts[target.place].kind, self.parts[target.place].opened
+        handle = _Handle(*(getattr(self.slots, field)[target.place] for field in _Handle._fields))
         right = np.cross(handle.into, _UP)
         for pitch, yaw in itertools.product(_PITCHES, _YAWS) if turns_hand else [(0.0, 0.0)]:
             about = mink.SO3.from_z_radians(yaw)
-            approach = about.apply(handle.into * np.cos(pitch) + _UP * np.sin(pitch))
+            approach = skills.vector(about.apply(handle.into * np.cos(pitch) + _UP * np.sin(pitch)))
             for sign in (1.0, -1.0)[: 1 + turns_hand]:
-                upright = HandOrientation(approach=_vector(approach), spread=_vector(sign * _UP))
-                level = HandOrientation(approach=_vector(approach), spread=_vector(sign * about.apply(right)))
+                spreads = (skills.vector(sign * each) for each in (_UP, about.apply(right)))
+                upright, level = (HandOrientation(approach=approach, spread=spread) for spread in spreads)
                 if not turns_hand:
                     upright = level = AT_RESET
-                match part.kind, target.opens:
+                match kind, target.opens:
                     case "drawer", True:
                         yield handle.pull_drawer(upright, opened * _PULLED - position)
                     case "drawer", False:
@@ -495,13 +465,20 @@ class _Handle(NamedTuple):
         """Point of the front behind the handle [m]."""
         return self.position + self.into * CLEARANCE
 
+    @property
+    def hinge(self) -> Revolute:
+        """The joint of a part that swings."""
+        return Revolute(elements=(0,), anchor=skills.vector(self.anchor), axis=skills.vector(self.axis))
+
     def _skill(self, moves: tuple[Move | ArcMove, ...], joint: Revolute | Prismatic, release_steps: int = 0) -> Skill:
-        return _skill(moves, joint, retreat=-0.1 * self.into, release_steps=release_steps)
+        """Skill without a seed, which its motions add."""
+        retreat = skills.vector(-0.1 * self.into)
+        return Skill(moves=moves, ik_seed=(), object_joint=joint, retreat=retreat, release_steps=release_steps)
 
     def pull_drawer(self, hand: HandOrientation, distance: float) -> Skill:
         """Skill that grasps a drawer's bar and pulls the drawer out by a distance [m]."""
-        moves = kitchen_skills.grasp(_vector(self.position), hand, _DISTANCES, settle_steps=4)
-        end = _vector(np.array(moves[-1].position) - self.into * distance)
+        moves = kitchen_skills.grasp(skills.vector(self.position), hand, _DISTANCES, settle_steps=4)
+        end = skills.vector(np.array(moves[-1].position) - self.into * distance)
         pull = Move(position=end, orientation=hand, fingers=skills.CLOSED, speed=0.4)
         return self._skill((*moves, pull), _ANY_WAY, release_steps=3)
 
@@ -509,52 +486,40 @@ class _Handle(NamedTuple):
         """Skill that pushes the front of a drawer below its bar, by a distance [m]."""
         contact = self.front - _UP * _BESIDE
         tips = (contact - 0.12 * self.into, contact - 0.03 * self.into, contact + (distance + 0.02) * self.into)
-        return self._skill(kitchen_skills.push([*map(_vector, tips)], hand, speed=0.4), _ANY_WAY)
+        return self._skill(kitchen_skills.push([*map(skills.vector, tips)], hand, speed=0.4), _ANY_WAY)
 
     def swing(self, hand: HandOrientation, angle: float, ratio: float, distances: Vector = _DISTANCES) -> Skill:
         """Skill that grasps the bar of a door or of a knob and swings it to an angle [rad]."""
-        moves = kitchen_skills.grasp(_vector(self.position), hand, distances, settle_steps=4)
+        moves = kitchen_skills.grasp(skills.vector(self.position), hand, distances, settle_steps=4)
         arc = ArcMove(angle=angle, hand_rotation_ratio=ratio, speed=1.0)
-        return self._skill((*moves, arc), _hinge(self.anchor, self.axis), release_steps=3)
+        return self._skill((*moves, arc), self.hinge, release_steps=3)
 
     def shut(self, hand: HandOrientation, side: Array) -> Skill:
         """Skill that pushes the front of a door shut, beside its bar on a side, the way to the hinges."""
         contact = self.front + side * _BESIDE
-        tips = [_vector(contact - 0.12 * self.into), _vector(contact - 0.03 * self.into)]
+        tips = [skills.vector(contact - 0.12 * self.into), skills.vector(contact - 0.03 * self.into)]
         arc = ArcMove(angle=0.0, hand_rotation_ratio=0.3, speed=1.0)
-        return self._skill((*kitchen_skills.push(tips, hand, speed=0.4), arc), _hinge(self.anchor, self.axis))
+        return self._skill((*kitchen_skills.push(tips, hand, speed=0.4), arc), self.hinge)
 
     def slide(self, hand: HandOrientation, way: Array, distance: float) -> Skill:
         """Skill that pushes the bar of a sliding door from its side, by a distance along the way that opens it [m]."""
         sign = np.sign(distance)
         contact = self.position + 0.02 * self.into - sign * _ALONG * way
         tips = (contact - 0.12 * self.into - sign * 0.03 * way, contact - sign * 0.02 * way, contact + distance * way)
-        return self._skill(kitchen_skills.push([*map(_vector, tips)], hand, speed=0.5), _ANY_WAY)
+        return self._skill(kitchen_skills.push([*map(skills.vector, tips)], hand, speed=0.5), _ANY_WAY)
 
 
 def _turn_back(handle: Array, hand: HandOrientation) -> Skill:
     """Skill that turns a knob off by pushing the upper end of its bar to the left, from where it stands when off."""
     tip = np.add(handle, (_LEVER, 0.0, _LEVER))
-    tips = [_vector(tip - (0.0, 0.07, 0.0)), _vector(tip)]
+    tips = [skills.vector(tip - (0.0, 0.07, 0.0)), skills.vector(tip)]
     pushes, arc = kitchen_skills.push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0)
-    return _skill((*pushes, arc), _hinge(handle, np.array(BACK)), retreat=np.array([0.0, -0.04, 0.0]))
+    hinge = Revolute(elements=(0,), anchor=skills.vector(handle), axis=BACK)
+    return Skill(moves=(*pushes, arc), ik_seed=(), object_joint=hinge, retreat=(0.0, -0.04, 0.0))
 
 
 # Of an object that has moved by x, y and z.
 _ANY_WAY = Prismatic(elements=(0, 1, 2), initial_position=(0.0, 0.0, 0.0))
-
-
-def _hinge(anchor: Array, axis: Array) -> Revolute:
-    return Revolute(elements=(0,), anchor=_vector(anchor), axis=_vector(axis))
-
-
-def _skill(
-    moves: tuple[Move | ArcMove, ...], joint: Revolute | Prismatic, *, retreat: Array, release_steps: int = 0
-) -> Skill:
-    """Returns a skill whose inverse kinematics starts anywhere."""
-    return Skill(
-        moves=moves, ik_seed=_SEEDS[0], object_joint=joint, retreat=_vector(retreat), release_steps=release_steps
-    )
 
 
 def _aimed(seed: tuple[float, ...], handle: Array) -> tuple[float, ...]:
@@ -593,11 +558,8 @@ _kitchen = functools.lru_cache(maxsize=64)(_Kitchen)
 
 def reached_handles(design: KitchenDesign) -> dict[str, bool]:
     """Returns whether the arm reaches each handle of a kitchen, for some motion that opens it, by name of the part."""
-    kitchen = _kitchen(design)
-    encoder = make_encoder(make_mode("joint_velocity", CONTROL_MODES, {}), arm_model())
-    return {name: kitchen.reaches(Target(k, True), encoder) for k, name in enumerate(kitchen.names)}
-
-
-def _vector(array: Array) -> Vector:
-    x, y, z = np.asarray(array).tolist()
-    return x, y, z
+    kitchen, arm = _kitchen(design), arm_model()
+    encoder = make_encoder(make_mode("joint_velocity", CONTROL_MODES, {}), arm)
+    motions = [kitchen.motions(Target(k, True), 0.0, encoder)[0] for k in range(len(kitchen.names))]
+    reached = [motion.planned(arm.kinematics, encoder.limits).is_reachable for motion in motions]
+    return dict(zip(kitchen.names, reached, strict=True))

@@ -8,13 +8,13 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite.entities import MicrowaveTableArena, build_microwave_table_scene
-from kitchen_suite.entities.assets import Vector
+from kitchen_suite.policies.experts import skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
 from kitchen_suite.policies.experts.kitchen_skills import UP, grasp
 from kitchen_suite.policies.experts.open_cabinet import panda_model
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN, ArcMove, Array, HandOrientation, Move, Revolute, Skill
-from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, plan_retreat
+from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.microwave_table.mdp import OPEN_ANGLE, PARTS, SIZE
@@ -81,19 +81,18 @@ class MicrowaveExpert(Expert):
             self._orientation = _GRASP if self.encoder.turns_hand else HandOrientation.from_rotation(hand.rotation())
             return JointTrajectory.stationary(joints, OPEN).then(self._plan_grasp(handle), self._limits)
         if self._current_fingers == CLOSED and np.linalg.norm(offset[:2]) > _SLIP:
-            retreat = plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=OPEN)
-            return retreat.then(self._plan_grasp(handle), self._limits)
+            return self._plan_retreat(joints).then(self._plan_grasp(handle), self._limits)
         if not self._has_ended(_SETTLE_STEPS) or door < OPEN_ANGLE + _TOLERANCE:
             return None
         return self._plan_swing(joints, door, handle)
 
     def _plan_grasp(self, handle: Array) -> JointTrajectory:
         """Plans the way of the hand to the handle at a position `(3,)` [m], and the closing of its fingers."""
-        place = _vector(self._place(handle, -_BESIDE))
+        place = skills.vector(self._place(handle, -_BESIDE))
         moves = grasp(place, self._orientation, _DISTANCES, settle_steps=_CLOSING_STEPS, speed=_APPROACH_SPEED)
         seed = tuple(DEFAULT_POSE[:7].tolist())
         self._skill = Skill(moves=moves, ik_seed=seed, retreat=_RETREAT, release_steps=_OPENING_STEPS)
-        return plan(self._kinematics, self._limits, self._skill, offsets=self._draw_offsets(1))
+        return self._plan(self._skill)
 
     def _plan_swing(self, joints: Array, door: float, handle: Array) -> JointTrajectory:
         """Plans the way of the hand with the handle, which is at `(3,)` [m] while the door is at an angle [rad]."""
@@ -101,12 +100,12 @@ class MicrowaveExpert(Expert):
         hinges = self._observed_hinges(door, handle) if is_known else handle - _turn(door) @ _closed_handle()
         place = self._place(handle, -_PRESSED)
         # The hand keeps its place at the handle without turning, so it moves about an axis of its own.
-        axis = Revolute(elements=(0,), anchor=_vector(place + hinges - handle), axis=UP)
+        axis = Revolute(elements=(0,), anchor=skills.vector(place + hinges - handle), axis=UP)
         orientation = HandOrientation.from_rotation(self._kinematics.forward(joints).rotation())
         arc = ArcMove(angle=OPEN_ANGLE - door if is_known else -_FIRST_ANGLE, speed=_DOOR_SPEED)
-        moves = Move(position=_vector(place), orientation=orientation), arc
+        moves = Move(position=skills.vector(place), orientation=orientation), arc
         swing = Skill(moves=moves, ik_seed=tuple(joints.tolist()), object_joint=axis)
-        planned = plan(self._kinematics, self._limits, swing, object_position=np.zeros(1))
+        planned = self._plan(swing, object_position=np.zeros(1))
         return JointTrajectory.stationary(joints, CLOSED).then(planned, self._limits)
 
     def _place(self, handle: Array, left: float) -> Array:
@@ -121,11 +120,6 @@ class MicrowaveExpert(Expert):
         angle, start = self._start
         turn = _turn(door - angle)[:2, :2]
         return np.append(np.linalg.solve(np.eye(2) - turn, handle[:2] - turn @ start[:2]), handle[2])
-
-
-def _vector(array: Array) -> Vector:
-    x, y, z = array.tolist()
-    return x, y, z
 
 
 def _turn(angle: float) -> Array:

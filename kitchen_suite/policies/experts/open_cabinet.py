@@ -17,7 +17,7 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN, Array, HandOrientation, Move, Skill
-from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, plan_retreat
+from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
@@ -129,8 +129,7 @@ class DrawerExpert(Expert):
         if not (has_slipped or self._has_ended(_SETTLE_STEPS)) or _is_open(observation):
             return None
         approach = self._plan_approach(observation, joints)
-        retreat = plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=CLOSED)
-        return retreat.then(approach, self._limits)
+        return self._plan_retreat(joints).then(approach, self._limits)
 
     def _plan_approach(self, observation: Array, joints: Array) -> JointTrajectory:
         """Begins an approach; returns the trajectory to the standoff before the handle."""
@@ -138,7 +137,7 @@ class DrawerExpert(Expert):
         self._is_pulling, self._handle_poses = False, [handle.wxyz_xyz]
         skill = self._skill_at(handle)
         approach = dataclasses.replace(skill, moves=skill.moves[:1])
-        return plan(self._kinematics, self._limits, approach, frame=handle, offsets=self._draw_offsets(1))
+        return self._plan(approach, frame=handle)
 
     def _skill_at(self, handle: mink.SE3) -> Skill:
         """The skill for a handle's pose in the world."""

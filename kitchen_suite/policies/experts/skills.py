@@ -5,7 +5,7 @@ from typing import Self
 
 import mink
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities.assets import Vector
 
@@ -16,6 +16,12 @@ OPEN, CLOSED = 0.04, 0.0
 
 # Faster than any joint can move the hand [m/s, rad/s].
 UNLIMITED = 10.0
+
+
+def vector(array: ArrayLike) -> Vector:
+    """Returns an array `(3,)` as numbers, of which skills are made so that they are hashable."""
+    x, y, z = np.asarray(array).tolist()
+    return x, y, z
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -32,8 +38,7 @@ class HandOrientation:
 
     def standoff_position(self, point: Vector, distance: float) -> Vector:
         """Position of the hand's site at a distance [m] from a point at which the fingers point."""
-        x, y, z = np.array(point) - distance * np.array(self.approach)
-        return float(x), float(y), float(z)
+        return vector(np.array(point) - distance * np.array(self.approach))
 
     @classmethod
     def from_rotation(cls, rotation: mink.SO3) -> Self:
@@ -156,6 +161,11 @@ class Skill:
     retreat: Vector = (0.0, 0.0, 0.0)
     release_steps: int = 0
 
+    @property
+    def lines(self) -> tuple[Move, ...]:
+        """The straight motions; all skills begin with one."""
+        return tuple(move for move in self.moves if isinstance(move, Move))
+
     def with_orientation(self, orientation: HandOrientation) -> Self:
         """This skill with the same orientation of the hand in all moves."""
         moves: list[Move | ArcMove] = []
@@ -169,7 +179,6 @@ class Skill:
 
         An arc keeps the hand as it grasped.
         """
-        *_, last = (move for move in self.moves if isinstance(move, Move))
-        turn, pivot = mink.SO3.from_z_radians(angle), np.array(last.position)
+        turn, pivot = mink.SO3.from_z_radians(angle), np.array(self.lines[-1].position)
         moves = (move.turned(turn, pivot) if isinstance(move, Move) else move for move in self.moves)
         return dataclasses.replace(self, moves=tuple(moves))

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.names import DEFAULT_TASKS
-from kitchen_suite.policies.experts.kitchen import KitchenExpert, robot_of
+from kitchen_suite.policies.experts.kitchen import KitchenExpert
 from kitchen_suite.policies.experts.skills import Array
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.goals import GoalSet, Thresholds
@@ -77,13 +77,8 @@ class UndirectedExpert(KitchenExpert):
 
     @classmethod
     def _task_settings(cls, task: KitchenTask) -> dict[str, Any]:
-        return {
-            "tasks": () if task.mdp.task_draw else task.mdp.goals.tasks,
-            "goals": task.goals,
-            **task.success_options,
-            "extra_observables": tuple(task.extra_observables),
-            "robot": robot_of(task),
-        }
+        tasks = () if task.mdp.task_draw else task.mdp.goals.tasks
+        return {**super()._task_settings(task), "tasks": tasks, "observes_requests": False, "in_order": False}
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
