@@ -14,18 +14,14 @@ from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.parameters import Parameter, displacement, joint_parameters, pose_parameters
 from kitchen_suite.entities.props import Prop
 
-# Gap around a door, and between a drawer's front and the cabinet's side [m].
-DOOR_GAP = 0.003
-
-# Parameters that may be negative.
-_SIGNED = ("drawer_heights", "handle_height")
+DOOR_GAP = 0.003  # Gap around a door, and between a drawer's front and the cabinet's side [m].
+_SIGNED = ("drawer_heights", "handle_height")  # Parameters that may be negative.
 
 # Least and greatest value of every other parameter, in its unit. MuJoCo's compiler refuses panels of 1e-9 m, bars of
 # 1e-8 m and masses of 1e-14 kg, whose inertia it cannot represent; above 1e10 it takes a simulation to have diverged.
 _LEAST, _GREATEST = 1e-6, 1e10
 
-# Tolerance for rounding errors in sums of sizes [m].
-_ROUNDING = 1e-9
+_ROUNDING = 1e-9  # Tolerance for rounding errors in sums of sizes [m].
 
 DRAWERS = ("top", "bottom")
 DOORS = ("left", "right")

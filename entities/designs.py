@@ -32,31 +32,25 @@ SPLITS = ("train", "test")
 # Sides of the robot, each with the yaw of fixtures that stand there [rad]. The robot faces `back`.
 SIDES: Mapping[str, float] = MappingProxyType({"back": 0.0, "left": np.pi / 2, "right": -np.pi / 2})
 
-# Levels of rows, which hold fixtures of the same level.
-LEVELS = ("base", "counter", "wall", "tall")
-
-# Greatest number of parts in a kitchen.
-MAX_PARTS = 16
+LEVELS = ("base", "counter", "wall", "tall")  # Levels of rows, which hold fixtures of the same level.
+MAX_PARTS = 16  # Greatest number of parts in a kitchen.
 
 # Bounds of numbers of a design [m].
 _COUNTER_HEIGHT, _GAP = (1.5, 1.9), (0.0, 1.0)
 _ROW = {"distance": (0.0, 1.0), "start": (-1.5, 1.5), "height": (1.4, 2.7)}
 
-# Least height of drawn drawers with their worktop, by their number [m].
-_DRAWERS_HEIGHT = {1: 0.18, 2: 0.28}
+_DRAWERS_HEIGHT = {1: 0.18, 2: 0.28}  # Least height of drawn drawers with their worktop, by their number [m].
 
 # Of the arm, by the lengths of its links: height of the shoulder above the base, and distance from there to the finger
 # tips with all links in line [m].
 _SHOULDER, _REACH = 0.333, 1.0
 
-# Depth up to which fixtures may overlap, such as by rounding [m].
-_OVERLAP = 0.004
+_OVERLAP = 0.004  # Depth up to which fixtures may overlap, such as by rounding [m].
 
 # Position of a kettle on the first burner, in the frame of the oven [m].
 _KETTLE_PLACE = np.array([-0.169, -0.4, 1.626])
 
-# The hood is part of the oven's back, as in the original kitchen.
-_TOGETHER = ("oven", "hood")
+_TOGETHER = ("oven", "hood")  # The hood is part of the oven's back, as in the original kitchen.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

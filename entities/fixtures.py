@@ -17,14 +17,9 @@ from kitchen_suite.entities import assets, props
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.props import Prop
 
-# Kinds of parts.
-PART_KINDS = ("drawer", "door", "sliding door", "knob", "switch", "kettle")
-
-# Handles of parametric fixtures.
-HANDLES = ("bar", "knob")
-
-# Gap between fronts, and from a front to the edge of its fixture [m].
-GAP = 0.004
+PART_KINDS = ("drawer", "door", "sliding door", "knob", "switch", "kettle")  # Kinds of parts.
+HANDLES = ("bar", "knob")  # Handles of parametric fixtures.
+GAP = 0.004  # Gap between fronts, and from a front to the edge of its fixture [m].
 
 # Thickness of panels and of worktops [m].
 PANEL, WORKTOP = 0.02, 0.03
@@ -41,11 +36,8 @@ _DRAWER_TRAVEL, _SLIDING_TRAVEL, _DOOR_TRAVEL = 0.3, 0.26, 1.57
 # Opening at which a part counts as wide open [m, rad].
 DRAWER_OPENING, SLIDING_OPENING, DOOR_OPENING, KNOB_ANGLE, SWITCH_ANGLE = 0.2, 0.2, 0.9, -0.88, -0.69
 
-# `solimpfriction` of slides and hinges, as of `cabinet.Cabinet`.
-_STIFF_FRICTION = (0.99, 0.999, 0.001)
-
-# Room before fixtures of boxes that handles take up [m].
-_ROOM = CLEARANCE + KNOB_RADIUS
+_STIFF_FRICTION = (0.99, 0.999, 0.001)  # `solimpfriction` of slides and hinges, as of `cabinet.Cabinet`.
+_ROOM = CLEARANCE + KNOB_RADIUS  # Room before fixtures of boxes that handles take up [m].
 
 # Depths of parametric fixtures below and above a counter [m].
 _BASE_DEPTH, _WALL_DEPTH = 0.5, 0.32

@@ -24,14 +24,9 @@ from kitchen_suite.entities.props import Microwave, Prop
 from kitchen_suite.entities.robot import PHYSICS_OPTIONS, Arm, ArmSpec, Robot
 from kitchen_suite.names import EXACT, FAST, PHYSICS
 
-# Radius of the pedestal in generated kitchens [m].
-_PEDESTAL_RADIUS = 0.05
-
-# Radius of the plinth on the pedestal below a robot that stands higher [m].
-_PLINTH_RADIUS = 0.09
-
-# Height of the floor of generated kitchens [m]: their counters are 0.9 m above it.
-FLOOR = 0.82
+_PEDESTAL_RADIUS = 0.05  # Radius of the pedestal in generated kitchens [m].
+_PLINTH_RADIUS = 0.09  # Radius of the plinth on the pedestal below a robot that stands higher [m].
+FLOOR = 0.82  # Height of the floor of generated kitchens [m]: their counters are 0.9 m above it.
 
 # Position [m] and axes of the camera `overview` of generated kitchens: 3.05 m from (0, 0.3, 1.87), azimuth 82 and
 # elevation -31 degrees.
@@ -220,8 +215,7 @@ _PROPS: tuple[type[kitchen_props.KitchenProp], ...] = (
 # Names of the joints of each prop with joints, in the order in which these are observed.
 JOINT_NAMES: Mapping[str, Sequence[str]] = {prop.xml_name: prop.joint_names for prop in _PROPS if prop.joint_names}
 
-# Names of these props.
-OBSERVED_PROPS = tuple(JOINT_NAMES)
+OBSERVED_PROPS = tuple(JOINT_NAMES)  # Names of these props.
 
 
 class KitchenArena(SiteArena):

@@ -20,8 +20,7 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec, reset_to_seed
 from kitchen_suite.settings import ExportSettings
 from kitchen_suite.versions import installed_versions
 
-# File with the licence of the installed meshes and textures.
-LICENCE_FILE = "LICENSE-gymnasium-robotics.txt"
+LICENCE_FILE = "LICENSE-gymnasium-robotics.txt"  # File with the licence of the installed meshes and textures.
 
 # Works in the folder, and those that its numbers come from.
 LICENCES = (
@@ -104,11 +103,8 @@ Control mode `{control_mode}`: {meaning}
 XML_FILE, BINARY_FILE, STATE_FILE = "scene.xml", "scene.mjb", "state.npz"
 METADATA_FILE, PAGE_FILE = "scene.json", "README.md"
 
-# Folder of meshes and textures, beside the XML.
-_ASSETS = "assets"
-
-# Name of the keyframe with the start of the episode, for viewers.
-_KEYFRAME = "start"
+_ASSETS = "assets"  # Folder of meshes and textures, beside the XML.
+_KEYFRAME = "start"  # Name of the keyframe with the start of the episode, for viewers.
 
 
 def page(record: Mapping[str, Any]) -> str:

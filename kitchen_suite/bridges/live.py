@@ -26,18 +26,14 @@ if TYPE_CHECKING:
 
     from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy, Teleoperation
 
-# Time between two copies of an episode that has not been saved yet [s].
-_SAVE_EVERY = 1.0
+_SAVE_EVERY = 1.0  # Time between two copies of an episode that has not been saved yet [s].
 
 # Simulated time in which neither hand nor fingers move after which time stands still again [s], and distance [m] and
 # difference of a quaternion below which they do not. Who learns from episodes has no use for steps without motion.
 _PATIENCE, _STILL = 0.15, 0.002
 
-# Simulated time that the arm has to begin to move [s].
-_BEGINNING = 0.3
-
-# Folder of an episode that has not been saved yet, in the folder of those that have been.
-UNSAVED = "unsaved"
+_BEGINNING = 0.3  # Simulated time that the arm has to begin to move [s].
+UNSAVED = "unsaved"  # Folder of an episode that has not been saved yet, in the folder of those that have been.
 
 
 class LiveEpisode:

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
     from kitchen_suite.policies.experts.teleoperation import Teleoperation
 
-# The camera through which a person looks at first, where there is no flag for it.
-FIRST_CAMERA = "overview"
+FIRST_CAMERA = "overview"  # The camera through which a person looks at first, where there is no flag for it.
 
 # Lengths and angles of a nudge [m, degrees] by name.
 NUDGES = {"2 mm, 1 degree": (0.002, 1.0), "1 cm, 5 degrees": (0.01, 5.0), "3 cm, 15 degrees": (0.03, 15.0)}
@@ -48,8 +47,7 @@ _HELP = (
 # between two of them [s], for browsers that draw slowly.
 NO_PICTURE, _PICTURE, _PICTURE_EVERY = "none", (150, 200), 0.24
 
-# Cameras whose pictures help most to grasp; the first one that a model has.
-_WRISTS = ("franka/wrist", "franka/hand")
+_WRISTS = ("franka/wrist", "franka/hand")  # Cameras whose pictures help most to grasp; the first one that a model has.
 
 
 class Person(Protocol):

@@ -19,26 +19,21 @@ if TYPE_CHECKING:
     import viser
     from dm_control import mjcf
 
-# Geoms of these groups and above are not shown, as in MuJoCo: they are those that collide.
-_FIRST_HIDDEN_GROUP = 3
+_FIRST_HIDDEN_GROUP = 3  # Geoms of these groups and above are not shown, as in MuJoCo: they are those that collide.
 
 # Of the light; chosen so that the kitchen's white counter is not blown out.
 _BRIGHTNESS = 2.2
 # Direction that most of it comes from, and colour of the light from the opposite side.
 _LIGHT, _SHADE = (-0.5, -0.8, 1.0), (90, 95, 105)
 
-# Greatest angle [rad] between two triangles of a surface that looks smooth.
-_SMOOTH = math.radians(25.0)
+_SMOOTH = math.radians(25.0)  # Greatest angle [rad] between two triangles of a surface that looks smooth.
 
 # Greatest height and width of a texture [pixels], which a page holds; and the least length of a surface that has one
 # [m]. Smaller ones have the texture's mean colour.
 _TEXTURE_SIZE, _LEAST_LENGTH = 256, 0.5
 
-# Faces along a capsule, without its middle, and around it.
-_CAPSULE = (8, 20)
-
-# Half the length of a floor without edges [m].
-_FLOOR = 5.0
+_CAPSULE = (8, 20)  # Faces along a capsule, without its middle, and around it.
+_FLOOR = 5.0  # Half the length of a floor without edges [m].
 
 # Fields of a model on which the shapes and colours depend that a scene shows.
 _APPEARANCE = (

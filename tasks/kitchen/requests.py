@@ -16,11 +16,8 @@ from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.task import ResetRequests
 
-# Option of a reset, observation and info.
-REQUESTED = "requested_tasks"
-
-# Name of the info on the order of the requested tasks.
-REQUESTED_ORDER = "requested_order"
+REQUESTED = "requested_tasks"  # Option of a reset, observation and info.
+REQUESTED_ORDER = "requested_order"  # Name of the info on the order of the requested tasks.
 
 # Option of a reset and observation: states of the kitchen that are wanted. Option of a reset: the one at the start.
 GOAL_STATES, START_STATE = "goal_states", "start_state"
@@ -32,8 +29,7 @@ TASK_ID, RENDER_GOAL = "task_id", "render_goal"
 # Observation: pictures of the last goal state; in the suite's own environment the beginning of their keys.
 GOAL_PIXELS = "goal_pixels"
 
-# Greatest magnitude of an element of a state of the kitchen in a request.
-_GREATEST = 10.0
+_GREATEST = 10.0  # Greatest magnitude of an element of a state of the kitchen in a request.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -11,14 +11,12 @@ from kitchen_suite import checks
 from kitchen_suite.tasks.control_modes.joints import JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.open_cabinet.features import Features
 
-# Observations are clipped to [-LIMIT, LIMIT].
-LIMIT = 5.0
+LIMIT = 5.0  # Observations are clipped to [-LIMIT, LIMIT].
 
 _MIDDLE = (JOINT_HIGH + JOINT_LOW) / 2.0
 _HALF_RANGE = (JOINT_HIGH - JOINT_LOW) / 2.0
 
-# Indices of x, y, z, w, the order in observations, among w, x, y, z.
-_XYZW = np.array([1, 2, 3, 0])
+_XYZW = np.array([1, 2, 3, 0])  # Indices of x, y, z, w, the order in observations, among w, x, y, z.
 
 
 def scaled_joint_positions(features: Features) -> NDArray[np.float64]:

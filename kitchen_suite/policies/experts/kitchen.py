@@ -44,17 +44,13 @@ _SLOW_DISTANCE, _LEAST_PACE = 8.0, 0.12
 # Control steps from the end of a trajectory to the failure of its task: an object that is pushed lags behind the hand.
 _SETTLE_STEPS = 6
 
-# Trajectories are shared by object positions that are equal to this number of decimals [rad, m].
-_DECIMALS = 2
+_DECIMALS = 2  # Trajectories are shared by object positions that are equal to this number of decimals [rad, m].
 
 # Angles by which the hand is turned about the vertical until the poses of a skill are in reach [rad].
 _TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
 
-# Share of the arc of a door with which its task is completed.
-_ENOUGH_OF_ARC = 0.8
-
-# Joint positions in free space from which the arm starts again after a failure [rad].
-HOME = INITIAL_QPOS[ARM]
+_ENOUGH_OF_ARC = 0.8  # Share of the arc of a door with which its task is completed.
+HOME = INITIAL_QPOS[ARM]  # Joint positions in free space from which the arm starts again after a failure [rad].
 
 # The observable of the object that each task moves and that stands on the floor, the counter or the wall; the kettle's
 # pose is part of the kitchen's observation.
@@ -64,8 +60,7 @@ POSES = {task: f"{goal.prop}/pose" for task, goal in GOALS.items() if goal.prop 
 _SEARCHES = 60
 # Angle below which the hand does not turn on the way to the first pose [rad].
 _SAME_ANGLE = 0.02
-# Greatest number of postures whose motions are planned.
-_MOST_POSTURES = 12
+_MOST_POSTURES = 12  # Greatest number of postures whose motions are planned.
 
 
 class KitchenExpert(Expert):

@@ -29,8 +29,7 @@ DOWN: Vector = (0.0, 0.0, -1.0)
 UP: Vector = (0.0, 0.0, 1.0)
 BACK: Vector = (0.0, -1.0, 0.0)
 
-# Distance from the hand's site to the finger tips [m].
-TIP = 0.05
+TIP = 0.05  # Distance from the hand's site to the finger tips [m].
 
 
 def direction(yaw: float, pitch: float) -> Vector:
@@ -381,11 +380,8 @@ KETTLE_SKILLS = tuple(
 # The kettle is on one of the right burners if its x is beyond this, and on the far one if its y is too [m].
 _RIGHT_BURNERS, _FAR_BURNER = -0.05, 0.57
 
-# Angle from which the right door of the hinge cabinet is in the way of the hand [rad].
-_IN_THE_WAY = 0.2
-
-# A place of the hand to the right of that door and below it [m].
-_BESIDE_DOOR = (0.0, 0.40, 2.33)
+_IN_THE_WAY = 0.2  # Angle from which the right door of the hinge cabinet is in the way of the hand [rad].
+_BESIDE_DOOR = (0.0, 0.40, 2.33)  # A place of the hand to the right of that door and below it [m].
 
 # Angle beyond which the left door, which the strict goal of `hinge cabinet` has closed, is pushed shut at first [rad].
 _NOT_SHUT = -0.04

@@ -40,8 +40,7 @@ _OPENED, _SHUT = mdp.OPEN + 0.02, mdp.CLOSED - 0.02
 # How far the hand takes a part, as an opening: what it pulls lags behind. How far beyond its stop it turns a knob off.
 _PULLED, _PRESSED = 1.1, 0.25
 
-# Control steps from the end of a trajectory to the failure of its task.
-_SETTLE_STEPS = 6
+_SETTLE_STEPS = 6  # Control steps from the end of a trajectory to the failure of its task.
 
 # Distance beside a bar at which the closed hand pushes the front, and at which it pushes a sliding door's bar [m].
 _BESIDE, _ALONG = 0.05, BAR_RADIUS + 0.02
@@ -56,18 +55,14 @@ _YAWS = tuple(np.radians([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
 _KNOB_PITCHES, _KNOB_YAWS = (-22.0, -10.0, -35.0, 5.0, -50.0), (4.0, 15.0, 30.0, -8.0)
 _TURNS = (0.0, -0.12, 0.12, -0.24, 0.24, -0.5, 0.5)
 
-# Rotations of the hand with a door, as shares of the door's.
-_RATIOS = (-0.2, 0.4)
-
-# Share of a door's arc that the hand must be able to follow.
-_ENOUGH_OF_ARC = 0.85
+_RATIOS = (-0.2, 0.4)  # Rotations of the hand with a door, as shares of the door's.
+_ENOUGH_OF_ARC = 0.85  # Share of a door's arc that the hand must be able to follow.
 
 # Number of motions that are kept for a task, to be tried one after the other, and of those that are looked for unless
 # as many are free of contacts.
 _ALTERNATIVES, _TRIED = 3, 12
 
-# Number of motions that are tried in the usual order.
-_USUAL = 6
+_USUAL = 6  # Number of motions that are tried in the usual order.
 
 # Joint positions from which inverse kinematics starts [rad], the first joint turned towards the handle. The last two
 # were found by search: with them the hand reaches nearly all places that it reaches from any start.
@@ -86,20 +81,11 @@ _Seeds = tuple[tuple[float, ...], ...]
 # its end they turn it [rad].
 _LEVER, _BACK_BEYOND = 0.03, 0.4
 
-# How much further than in the kitchen, whose goal is nearer, the hand pushes the kettle [m].
-_KETTLE_FURTHER = 0.05
-
-# Places of the hand near the robot, before it turns [m].
-_TUCKS = ((-0.33, 0.1, 2.05), (-0.25, 0.08, 2.2))
-
-# Control steps in which the hand comes to rest before a part.
-_REST_STEPS = 3
-
-# Distance that counts as a contact of arm and hand, but for the fingers [m].
-_MARGIN = 0.012
-
-# Spacing of the joint positions at which a path is checked for collisions [rad].
-_CHECKED = 0.12
+_KETTLE_FURTHER = 0.05  # How much further than in the kitchen, whose goal is nearer, the hand pushes the kettle [m].
+_TUCKS = ((-0.33, 0.1, 2.05), (-0.25, 0.08, 2.2))  # Places of the hand near the robot, before it turns [m].
+_REST_STEPS = 3  # Control steps in which the hand comes to rest before a part.
+_MARGIN = 0.012  # Distance that counts as a contact of arm and hand, but for the fingers [m].
+_CHECKED = 0.12  # Spacing of the joint positions at which a path is checked for collisions [rad].
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -518,8 +504,7 @@ def _turn_back(handle: Array, hand: HandOrientation) -> Skill:
     return Skill(moves=(*pushes, arc), ik_seed=(), object_joint=hinge, retreat=(0.0, -0.04, 0.0))
 
 
-# Of an object that has moved by x, y and z.
-_ANY_WAY = Prismatic(elements=(0, 1, 2), initial_position=(0.0, 0.0, 0.0))
+_ANY_WAY = Prismatic(elements=(0, 1, 2), initial_position=(0.0, 0.0, 0.0))  # Of an object that has moved by x, y and z.
 
 
 def _aimed(seed: tuple[float, ...], handle: Array) -> tuple[float, ...]:
@@ -530,8 +515,7 @@ def _aimed(seed: tuple[float, ...], handle: Array) -> tuple[float, ...]:
     return (float(np.clip(first, -2.8, 2.8)), *seed[1:])
 
 
-# Rotation of the microwave in the original kitchen [rad].
-_MICROWAVE_YAW = 0.3
+_MICROWAVE_YAW = 0.3  # Rotation of the microwave in the original kitchen [rad].
 
 
 @functools.cache

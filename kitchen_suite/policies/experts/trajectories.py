@@ -15,14 +15,9 @@ from kitchen_suite.policies.experts.skills import OPEN, UNLIMITED, ArcMove, Arra
 # joints are interpolated linearly, which keeps the site within a millimetre of the line.
 _LINE_SPACING, _ARC_SPACING = 0.02, 0.06
 
-# Distance of the hand from a planned pose beyond which the pose is out of reach [m].
-OUT_OF_REACH = 0.01
-
-# Least time between two knots [control steps], so that no two have the same time.
-_MIN_KNOT_INTERVAL = 1e-3
-
-# Spacing of the joint positions between which the hand's motion is measured [rad].
-_JOINT_SPACING = 0.1
+OUT_OF_REACH = 0.01  # Distance of the hand from a planned pose beyond which the pose is out of reach [m].
+_MIN_KNOT_INTERVAL = 1e-3  # Least time between two knots [control steps], so that no two have the same time.
+_JOINT_SPACING = 0.1  # Spacing of the joint positions between which the hand's motion is measured [rad].
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
