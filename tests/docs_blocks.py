@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
-PYTEST_MARKS = ("slow", "clients", "ray", "lerobot", "web", "vla_eval", "rendering")
+PYTEST_MARKS = ("slow", "thorough", "clients", "ray", "lerobot", "web", "vla_eval", "rendering")
 PARSED_MARKS = ("hours", "ci")
 INTERPRETERS = {"python": (sys.executable,), "sh": ("bash", "-e")}
 PARSED_PROGRAMS = (

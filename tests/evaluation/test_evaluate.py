@@ -314,13 +314,12 @@ def test_a_folder_that_is_full_ends_in_one_line(run, tmp_path, monkeypatch):
 
 @pytest.mark.thorough
 def test_a_progress_bar_counts_all_episodes(run, monkeypatch):
-    made = []
+    made, begin = [], tqdm.tqdm.__init__
 
-    class Bar(tqdm.tqdm):
-        def __init__(self, *args, **kwargs):
-            made.append(kwargs)
-            super().__init__(*args, **{**kwargs, "disable": True})
+    def begin_unseen(bar, **settings):
+        made.append(settings)
+        begin(bar, **settings | {"disable": True})
 
-    monkeypatch.setattr(report, "tqdm", Bar)
+    monkeypatch.setattr(report.EpisodeBar.__base__, "__init__", begin_unseen)
     assert run("--protocol=d4rl", "--num_episodes=1", "--max_episode_steps=1")[0] == 0
     assert [(bar["total"], bar["unit"]) for bar in made] == [(3, "episode")]
