@@ -763,6 +763,22 @@ def kitchens_mode_table() -> str:
     return markdown(("control mode", "all", *(f"`{verb}`" for verb in verbs)), cells)
 
 
+def kitchens_curve_table() -> str:
+    """Returns the table of policies by kitchens of their training, from `docs/experiments/generalisation.py`."""
+    names = ("unseen", "seen")
+    rows = read_results("kitchens_curve")
+    cells = [
+        (
+            row["kitchens"],
+            f"{row['demonstrations']:,}",
+            *("{success:.0%} ({interval[0]:.0%} to {interval[1]:.0%})".format(**row[name]) for name in names),
+        )
+        for row in rows
+    ]
+    header = ("kitchens trained in", "demonstrations", "success in 100 kitchens of `test`", "in those of the training")
+    return markdown(header, cells)
+
+
 def kitchens_design_table() -> str:
     """Returns the table of how different the designs are, from `docs/experiments/kitchens.py designs`."""
     rows = [
@@ -858,6 +874,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "kitchens_certificates": certificate_table,
     "kitchens_expert": kitchens_expert_table,
     "kitchens_modes": kitchens_mode_table,
+    "kitchens_curve": kitchens_curve_table,
     "kitchens_designs": kitchens_design_table,
     "kitchens_speed": kitchens_speed_table,
     "fast_settings": fast_settings_table,
