@@ -109,7 +109,7 @@ def test_every_kind_is_in_a_twentieth_of_the_kitchens(drawn):
 
 def test_a_number_is_one_kitchen_in_each_split(drawn):
     for split, kitchens in drawn.items():
-        assert designs._drawn.__wrapped__(7, split) == kitchens[7]
+        assert KitchenDesign.drawn.__wrapped__(7, split) == kitchens[7]
         assert KitchenDesign.make("7", split) is KitchenDesign.make(kitchens[7], "train") is kitchens[7]
         assert kitchens[7].name == f"{split}/7"
     train, test = drawn.values()
