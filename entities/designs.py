@@ -145,10 +145,10 @@ class KitchenDesign:
             return design
         if isinstance(design, str) and design.isdecimal():
             design = int(design)
-        if isinstance(design, Mapping):
-            return _parsed(design)
-        if isinstance(design, str | os.PathLike):
-            return _parsed(_read(Path(design)))
+        if isinstance(design, Mapping | str | os.PathLike):
+            parsed = _parsed(design if isinstance(design, Mapping) else _read(Path(design)))
+            _check_reach(parsed)
+            return parsed
         return cls.drawn(checks.integer(design, "design", minimum=0), split)
 
     @staticmethod
@@ -267,7 +267,7 @@ def _read(path: Path) -> Any:
 
 
 def _parsed(value: object) -> KitchenDesign:
-    """Returns the checked design of a JSON object."""
+    """Returns the design of a JSON object, checked but for the reach of the arm."""
     fields = _object(value, "design", ("counter_height", "style", "rows"), ("kettle",))
     design = KitchenDesign(
         counter_height=_allowed(fields["counter_height"], "counter_height", _COUNTER_HEIGHT),
@@ -276,7 +276,6 @@ def _parsed(value: object) -> KitchenDesign:
         kettle=checks.boolean(fields.get("kettle", False), "kettle"),
     )
     design.check()
-    _check_reach(design)
     return design
 
 

@@ -196,6 +196,9 @@ class Kettle(KitchenProp):
         freejoint = mjcf.get_frame_freejoint(self._mjcf_root) if self.parent else None
         return () if freejoint is None else (freejoint,)
 
+    def _build_observables(self) -> JointObservables:
+        return JointObservables(self)
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Displacement at the start: x, y and rotation about the vertical; the burner at the start; mass.
