@@ -35,6 +35,7 @@ def test_facts_are_told_a_line_each(run, monkeypatch):
     assert {line.split()[1] for line in lines if line.startswith("digest")} == {*suite.DOMAINS}
 
 
+@pytest.mark.thorough
 def test_digests_are_compared_where_they_are_known(run, monkeypatch):
     found = dict(doctor.digests())
     assert found == dict(doctor.digests())

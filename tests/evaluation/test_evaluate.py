@@ -128,6 +128,7 @@ def lines(folder):
 KETTLE = ("--task_name=kettle", "--json=a.json", "--output=runs")
 
 
+@pytest.mark.thorough
 def test_an_evaluation_goes_on_where_it_was_cut_off(run, tmp_path):
     assert run(*KETTLE)[0] == 0
     folder, whole = tmp_path / "runs", (tmp_path / "a.json").read_bytes()

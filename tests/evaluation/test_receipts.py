@@ -76,6 +76,7 @@ def test_the_policy_may_be_gone(run, tmp_path):
     assert run(verify, "a.npz")[0] == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.rendering
 def test_a_replay_needs_no_pictures(run):
     kwargs = {"obs_type": "pixels_agent_pos", "image_size": [8, 8], "cameras": ["workspace"]}
@@ -86,6 +87,7 @@ def test_a_replay_needs_no_pictures(run):
     assert subprocess.run([sys.executable, "-c", script], env=without, check=False).returncode == 0
 
 
+@pytest.mark.thorough
 def test_a_receipt_holds_the_goals_that_were_taken_from_a_recording(run, tmp_path):
     playing = ["--policy=expert", "--task_name=random_4", "--max_episode_steps=60"]
     for seed in (0, 1):
@@ -150,6 +152,7 @@ def test_an_interrupted_evaluation_has_the_same_receipt(run, tmp_path):
         np.testing.assert_array_equal(each.actions, same.actions)
 
 
+@pytest.mark.thorough
 def test_a_diverged_episode_is_replayed(run, monkeypatch):
     step = vector_base.SuiteVectorEnv.step_some
 

@@ -202,6 +202,7 @@ def test_every_entity_compiles_and_renders_alone(entity, visuals):
         assert alone.render(HEIGHT, WIDTH).std() > 5
 
 
+@pytest.mark.thorough
 def test_environments_render_side_by_side():
     """Each keeps to its own GL context, also after another one has rendered or has been closed."""
     environments = [

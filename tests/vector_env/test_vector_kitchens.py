@@ -92,6 +92,7 @@ def play(env, singles, mode, steps, resets=lambda ended: ended):
     return ended
 
 
+@pytest.mark.thorough
 def test_every_row_of_sixteen_designs_is_the_single_environment_of_its_design_and_seed():
     settings = {"verbs": VERBS, "max_episode_steps": 6}
     env = gymnasium.make_vec(
@@ -148,6 +149,7 @@ def test_where_a_simulation_diverges_only_its_own_episode_ends():
     assert infos["episode_step"].tolist() == [1, 1, 0, 1, 1]
 
 
+@pytest.mark.thorough
 @pytest.mark.rendering
 def test_pictures_are_those_of_each_kitchen():
     settings = {"obs_type": "pixels", "cameras": ["overview"], "image_size": (32, 48), **SEEN}

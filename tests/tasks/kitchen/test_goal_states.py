@@ -188,6 +188,7 @@ def test_a_goal_is_shown_as_the_kitchen_looks_there(cameras):
     np.testing.assert_equal(env.set_state(state), observation)
 
 
+@pytest.mark.thorough
 @pytest.mark.rendering
 def test_the_suites_own_environment_shows_goals():
     arguments = {"goal_states": 1, "cameras": ["workspace", "franka/hand"], "image_size": [24, 32]}
@@ -206,6 +207,7 @@ def test_the_suites_own_environment_shows_goals():
             np.testing.assert_array_equal(value, observation[key])
 
 
+@pytest.mark.thorough
 @pytest.mark.rendering
 def test_vectorised_kitchens_show_their_own_goals():
     arguments = {"tasks_per_episode": (1, 3), "goal_states": 1, "cameras": ["workspace", "franka/hand"], **PICTURES}
