@@ -88,7 +88,7 @@ def test_handles_of_drawn_kitchens_are_within_the_length_of_the_arm(drawn):
     # Those of all: docs/experiments/kitchens.py designs.
     for kitchens in drawn.values():
         for kitchen in kitchens[: COUNT // 5]:
-            designs._in_reach(kitchen)
+            designs._check_reach(kitchen)
 
 
 def test_splits_share_no_sequence_of_fixtures(drawn):
