@@ -43,7 +43,7 @@ _DRAWERS_HEIGHT = {1: 0.18, 2: 0.28}  # Least height of drawn drawers with their
 
 # Of the arm, by the lengths of its links: height of the shoulder above the base, and distance from there to the finger
 # tips with all links in line [m].
-_SHOULDER, _REACH = 0.333, 1.0
+SHOULDER, REACH = 0.333, 1.0
 
 _OVERLAP = 0.004  # Depth up to which fixtures may overlap, such as by rounding [m].
 
@@ -237,7 +237,7 @@ def _check_apart(one: Placed, other: Placed) -> None:
 def _check_reach(design: KitchenDesign) -> None:
     """Raises a ValueError if the arm is too short for a handle of a design."""
     # An end of a bar may be nearer than its middle.
-    shoulder, reach = np.add(robot_base(), (0.0, 0.0, _SHOULDER)), _REACH + fixtures.BAR_HALF_LENGTH
+    shoulder, reach = np.add(robot_base(), (0.0, 0.0, SHOULDER)), REACH + fixtures.BAR_HALF_LENGTH
     for placed in design.placed:
         for name, position in _handles(placed.design):
             distance = np.linalg.norm(placed.in_world(position) - shoulder)

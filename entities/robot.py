@@ -145,7 +145,7 @@ class Arm(Robot):
 
     @property
     def specification(self) -> ArmSpec:
-        """What is known of the robot."""
+        """Parameters of the robot."""
         return self._specification
 
     @property
