@@ -421,5 +421,4 @@ CAMERA_OFFSET = _relative("cam_pos", change=lambda positions, offset: positions 
 # Rotation vector from the built orientation, in the camera's frame: x is right, y up, z backwards.
 CAMERA_ROTATION = _relative("cam_quat", change=_turned_frames, default=np.zeros(3))
 
-# Vertical field of view.
-FIELD_OF_VIEW = shared_value("cam_fovy", visual=True)
+FIELD_OF_VIEW = shared_value("cam_fovy", visual=True)  # Vertical field of view.

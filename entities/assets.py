@@ -16,8 +16,7 @@ _REQUIREMENT = "gymnasium-robotics>=1.4,<1.5"
 _ASSETS = Path("envs", "assets", "kitchen_franka")
 _XML_DIR = Path(__file__).parent / "xml"
 
-# Ending of the names of bodies that hold only visual geoms; see `split_visual_geoms`.
-VISUAL_BODY = "_visuals"
+VISUAL_BODY = "_visuals"  # Ending of the names of bodies that hold only visual geoms; see `split_visual_geoms`.
 
 # Three numbers along x, y and z.
 Vector = tuple[float, float, float]

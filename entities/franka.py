@@ -25,8 +25,7 @@ from kitchen_suite.entities.parameters import (
 )
 from kitchen_suite.entities.robot import Robot
 
-# Of the visual geoms: red, green and blue from 0 to 1.
-COLOR = (0.94, 0.935, 0.92)
+COLOR = (0.94, 0.935, 0.92)  # Of the visual geoms: red, green and blue from 0 to 1.
 
 # Factors of this colour for the parts that are darker, by name. With powers of two, products are exact.
 SHADES: Mapping[str, float] = MappingProxyType({"link7": 0.5, "hand": 0.5, "left_finger": 0.5, "right_finger": 0.5})

@@ -230,8 +230,7 @@ def _write_mass(physics: mjcf.Physics, elements: Elements, value: NDArray[np.flo
 DAMPING_SCALE = _scale_type(dof_damping=None)
 FRICTION_SCALE = _scale_type(dof_frictionloss=None)
 
-# Factor of the coefficients of sliding friction of geoms.
-SLIDING_FRICTION_SCALE = _scale_type(geom_friction=0)
+SLIDING_FRICTION_SCALE = _scale_type(geom_friction=0)  # Factor of the coefficients of sliding friction of geoms.
 
 # Factor of the gains of position servos: gain * (target - position).
 GAIN_SCALE = _scale_type(actuator_gainprm=0, actuator_biasprm=1)

@@ -189,7 +189,7 @@ def reset_options(value: object, names: Collection[str], *, elsewhere: Collectio
 
 
 def unique_names(values: object, name: str, *, minimum: int = 1) -> tuple[object, ...]:
-    """Returns `values` as a tuple if it is an ordered collection of 1, or 0, or more that repeats no string."""
+    """Returns `values` as a tuple if it is an ordered collection of at least `minimum` items and repeats no string."""
     if isinstance(values, str | bytes | Set | Mapping) or not isinstance(values, Collection):
         raise TypeError(f"{name} must be a sequence of names, got {shown(values)}")
     result = tuple(values)

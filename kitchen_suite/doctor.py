@@ -28,8 +28,7 @@ from kitchen_suite.versions import PACKAGES, processor
 # `docs/experiments/processors.py digests`.
 KNOWN = Path(__file__).parent / "known_digests.json"
 
-# Packages whose versions the numbers of an episode depend on.
-_SIMULATING = ("dm-control", "mujoco", "numpy")
+_SIMULATING = ("dm-control", "mujoco", "numpy")  # Packages whose versions the numbers of an episode depend on.
 
 # Episodes of random actions that are digested, and their control steps.
 _EPISODES, _STEPS = 5, 30

@@ -30,8 +30,7 @@ T = TypeVar("T")
 MAX_ARRAY_BYTES = 512 * 2**20
 _MAX_JSON_BYTES = 16 * 2**20
 
-# Levels of arrays and objects in JSON that is read; what the suite writes has fewer than ten.
-_MAX_JSON_DEPTH = 64
+_MAX_JSON_DEPTH = 64  # Levels of arrays and objects in JSON that is read; what the suite writes has fewer than ten.
 
 # Names of unfinished files and folders: machine, process, random number, and the name when finished.
 _PARTIAL = re.compile(r"\.kitchen-suite\.(?P<machine>[^.]+)\.(?P<process>\d{1,7})\.[0-9a-f]{8}\..+")

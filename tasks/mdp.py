@@ -34,8 +34,7 @@ Reading = TypeVar("Reading")
 Reading_co = TypeVar("Reading_co", covariant=True)
 State = TypeVar("State", bound=tuple)
 
-# Draw of an action mode that draws nothing: the median of U(0, 1).
-MEDIAN = 0.5
+MEDIAN = 0.5  # Draw of an action mode that draws nothing: the median of U(0, 1).
 
 
 def total(terms: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -17,8 +17,7 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.mdp import MDP, Simulation
 from kitchen_suite.tasks.variations.distributions import Bands, Choice, ParameterVariation
 
-# Joints of the arm, without the fingers.
-_ARM = 7
+_ARM = 7  # Joints of the arm, without the fingers.
 
 _STEP, _UNDOES, _WHICH, _OFFSETS = "push/step", "push/undoes", "push/which", "push/joint_offsets"
 

@@ -26,14 +26,12 @@ from kitchen_suite.tasks.pushes import PARAMETERS, Pusher
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
 
-# Number of axes of an observed picture: height, width, channels.
-PICTURE_AXES = 3
+PICTURE_AXES = 3  # Number of axes of an observed picture: height, width, channels.
 
 # Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
 Metrics = dict[str, bool | float | dict[str, int]]
 
-# Colour of objects that the task counts as a success.
-SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
+SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)  # Colour of objects that the task counts as a success.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -508,13 +506,14 @@ class OpeningTask(SuiteTask):
     """A task that opens a drawer or a door.
 
     Attributes:
-      opened: `drawer` or `door`; infos have its opening, [m] or as a share of the goal, as `<opened>_opening`.
+      opened: `drawer`, whose opening is in m, or `door`, whose opening is a share of the goal; infos have it as
+        `drawer_opening` or `door_opening`.
     """
 
     opened: ClassVar[str]
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
-        """Returns whether it is open now, whether it was at any time, and its opening now."""
+        """Returns whether the drawer or door is open, whether it was at any time, and how far it is open."""
         return {
             "success": bool(infos["is_success"]),
             "success_at_any_time": bool(infos["success_at_any_time"]),
@@ -522,7 +521,7 @@ class OpeningTask(SuiteTask):
         }
 
     def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Returns its opening."""
+        """Returns how far the drawer or door is open [m, or as a share]."""
         return infos[f"{self.opened}_opening"]
 
     def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:

@@ -7,8 +7,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.robot import Arm, ArmSpec, Robot
 
-# Name of the robot of FrankaKitchen-v1, the default.
-FRANKA = "franka"
+FRANKA = "franka"  # Name of the robot of FrankaKitchen-v1, the default.
 
 ARMS: Mapping[str, str] = MappingProxyType(
     {name: f"kitchen_suite.entities.arms.{name}:{name.upper()}" for name in ("panda", "ur5e", "fr3", "xarm7")}

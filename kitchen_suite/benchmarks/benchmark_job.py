@@ -2,7 +2,6 @@
 
 import concurrent.futures
 import dataclasses
-import importlib.metadata
 import json
 import platform
 import sys
@@ -81,11 +80,9 @@ def command_line(settings: BenchmarkSettings) -> str:
 
 def versions() -> dict[str, str]:
     """Returns the versions that speed depends on: of Python, the suite, its packages, and EnvPool where installed."""
+    envpool = checks.version_of("envpool")
     known = {"python": platform.python_version(), **installed_versions()}
-    try:
-        return {**known, "envpool": importlib.metadata.version("envpool")}
-    except importlib.metadata.PackageNotFoundError:
-        return known
+    return {**known, "envpool": envpool} if envpool else known
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -71,7 +71,8 @@ class Case:
 class BenchmarkDomain(abc.ABC):
     """Environments of a domain whose speed is measured, and what they are compared with.
 
-    No episode terminates with the arguments `options`; `vector_options` are further ones of vectorised ones, by name.
+    No episode terminates with the arguments `options`. Vectorised environments are measured by name with further
+    arguments, `vector_options`.
     """
 
     domain: ClassVar[Domain]

@@ -20,11 +20,8 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Size of films [pixels].
-_FILM_SIZE = {"width": 320, "height": 240}
-
-# Height and width of a picture in place of a film's, where there is no render mode [pixels].
-_BLANK = (64, 64)
+_FILM_SIZE = {"width": 320, "height": 240}  # Size of films [pixels].
+_BLANK = (64, 64)  # Height and width of a picture in place of a film's, where there is no render mode [pixels].
 
 
 class LeRobotVectorEnv(gymnasium.vector.VectorEnv):

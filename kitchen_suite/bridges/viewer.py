@@ -31,8 +31,7 @@ from kitchen_suite.settings import ViewSettings
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 from kitchen_suite.versions import installed_versions
 
-# Control steps of an episode that a person plays, by default: a program needs a tenth.
-_PERSONS_STEPS = 2_000
+_PERSONS_STEPS = 2_000  # Control steps of an episode that a person plays, by default: a program needs a tenth.
 
 # Name of a person as a policy, and in the panel of nobody from whom a person takes over.
 TELEOP, NOBODY = "teleop", "nobody"

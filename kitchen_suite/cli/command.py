@@ -30,8 +30,7 @@ from kitchen_suite.settings import WIDTH, Flag
 
 SUCCESS, FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 
-# Errors of the preparation.
-_USAGE_ERRORS = (flags.Error, ImportError, OSError, TypeError, ValueError)
+_USAGE_ERRORS = (flags.Error, ImportError, OSError, TypeError, ValueError)  # Errors of the preparation.
 
 # Signals that have interrupted this process.
 _interrupts: list[int] = []

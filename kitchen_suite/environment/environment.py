@@ -186,8 +186,6 @@ class Environment(composer.Environment):
     - After a `PhysicsError` the next `step` starts a new episode.
     - With `flat_observation` the observation is one array, as in dm_control's suite.
     - `get_state` and `set_state` save and restore the environment in the middle of an episode.
-
-    `step_limit` is the number of control steps in an episode; infinite without a time limit.
     """
 
     def __init__(
@@ -215,14 +213,14 @@ class Environment(composer.Environment):
             warnings.filterwarnings("ignore", "get_state and legacy", RuntimeWarning)
             super().__init__(task, random_state=make_random_state(random_state), **kwargs)
         steps = time_limit / self.control_timestep()
-        self.step_limit: float = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
+        self._step_limit = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
         self._step_count = 0
         self._flat_observation = checks.boolean(flat_observation, "flat_observation")
         self._plan_substeps()
 
     def __repr__(self) -> str:
         timestep = self.control_timestep()
-        return f"Environment({self._task!r}, control_timestep={timestep:g}, step_limit={self.step_limit})"
+        return f"Environment({self._task!r}, control_timestep={timestep:g}, step_limit={self._step_limit})"
 
     @property
     def random_state(self) -> np.random.RandomState:
@@ -235,6 +233,11 @@ class Environment(composer.Environment):
         if self._fixed_initial_state:
             # composer starts every episode from this state.
             self._fixed_random_state = self._random_state.get_state(legacy=False)
+
+    @property
+    def step_limit(self) -> float:
+        """Control steps in an episode; infinite without a time limit."""
+        return self._step_limit
 
     def reset(self) -> dm_env.TimeStep:
         self._reset_next_step = True

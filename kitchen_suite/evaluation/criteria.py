@@ -121,7 +121,8 @@ def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> States:
     """Returns the goal `(30,)` that goal-conditioned policies of D4RL's kitchen are given.
 
     `goals` are of D4RL's tasks, such as the `desired_goal` of an observation; the other objects are at 0, as in D4RL.
-    `robot` `(9,)` are positions of its joints: `GAS_ROBOT`, for HIQL those of its data's first observation, 0 for D4RL.
+    `robot` `(9,)` are positions of its joints: 0 in D4RL, `GAS_ROBOT` for GAS, those of the first recorded observation
+    for HIQL.
     """
     goal = np.zeros(30)
     goal[:9] = robot

@@ -204,7 +204,7 @@ class EvaluateJob:
         with contextlib.closing(spec.make_vector_env(num_envs, self._settings.num_threads)) as environments:
             controller = PolicyController(environments, spec.episode_policies())
             kept = self._settings.receipt is not None
-            for result, trace in play(name, plan, environments, controller, waiting, kept=kept):
+            for result, trace in play(name, plan, environments, controller, waiting, recorded=kept):
                 self._folder.add(dataclasses.replace(result, trace=trace.as_text()) if trace else result)
                 bar.count(result.success)
 
@@ -231,14 +231,21 @@ def check_receipt(plan: EvaluationPlan) -> None:
 
 
 def play(
-    name: str, plan: EvaluationPlan, environments: SuiteVectorEnv, controller: Controller, waiting: Waiting, kept: bool
+    name: str,
+    plan: EvaluationPlan,
+    environments: SuiteVectorEnv,
+    controller: Controller,
+    waiting: Waiting,
+    *,
+    recorded: bool,
 ) -> Iterator[tuple[EpisodeResult, Trace | None]]:
     """Yields result and trace of each episode of the condition of a name as it ends.
 
-    `waiting` has the numbers and seeds of the episodes. Traces, some percent of the time, are None unless `kept`.
+    `waiting` has the numbers and seeds of the episodes. Traces take some percent of the time; without `recorded` they
+    are None.
     """
     spec, measures, resets = plan.specs[name], plan.measures[name], plan.resets.get(name, ())
-    recorder = TraceRecorder(environments, controller) if kept or measures else None
+    recorder = TraceRecorder(environments, controller) if recorded or measures else None
     for index, episode in VectorRollout(environments, recorder or controller, resets).play(waiting):
         reset = plan.reset_options(name, index)
         key = {"condition": name, "episode": index, "seed": spec.seed + index, "reset": reset}
@@ -248,7 +255,7 @@ def play(
             states = recorder.observations(episode)[:, criteria.STATE]
             goals = np.array(reset.get(GOAL_STATES, ()))
             result = dataclasses.replace(result, measures={key: of(states, goals) for key, of in measures.items()})
-        yield result, trace if kept else None
+        yield result, trace if recorded else None
 
 
 def _result(task: SuiteTask, spec: EpisodeSpec, episode: VectorEpisode, key: Mapping[str, Any]) -> EpisodeResult:

@@ -112,7 +112,7 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
             if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
                 raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
             replay = Replay({result.seed: trace.actions for result, trace in zip(results, traces, strict=True)})
-            for replayed, trace in play(name, plan, environments, replay, waiting, kept=True):
+            for replayed, trace in play(name, plan, environments, replay, waiting, recorded=True):
                 assert trace
                 recorded, given = results[replayed.episode], traces[replayed.episode]
                 first = given.first_difference(trace)

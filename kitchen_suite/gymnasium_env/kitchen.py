@@ -28,8 +28,7 @@ with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
     from gymnasium_robotics.core import GoalEnv
 
-# Key of the task's sentence in infos.
-INSTRUCTION = "instruction"
+INSTRUCTION = "instruction"  # Key of the task's sentence in infos.
 
 _GOALS = ("achieved_goal", "desired_goal")
 

@@ -82,9 +82,16 @@ class SuiteEnvConfig(EnvConfig):
 
     def _specs(self) -> list[EnvironmentSpec]:
         """Returns a specification of the environments of each task."""
-        names = ("domain_name", "physics", "control_mode", "variations", "variation_split")
-        settings = EpisodeSettings(task_kwargs=self.gym_kwargs, **{name: getattr(self, name) for name in names})
-        kwargs, tasks = settings.environment_kwargs, self.task.split(",") if self.task else [None]
+        settings = EpisodeSettings(
+            domain_name=self.domain_name,
+            task_kwargs=self.gym_kwargs,
+            physics=self.physics,
+            control_mode=self.control_mode,
+            variations=self.variations,
+            variation_split=self.variation_split,
+        )
+        kwargs = settings.environment_kwargs
+        tasks = self.task.split(",") if self.task else [None]
         return [EnvironmentSpec.make(self.domain_name, task, kwargs, self.max_episode_steps) for task in tasks]
 
 

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
 
 
-# Rows of a product of matrices: for more, linear algebra starts threads, on whose number rounding depends.
-_ROWS = 4
+_ROWS = 4  # Rows of a product of matrices: for more, linear algebra starts threads, on whose number rounding depends.
 
 
 _Count = Annotated[int, Meta(ge=1)]

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 # Returns the action for a time step of an episode.
 EpisodePolicy = Callable[[dm_env.TimeStep], NDArray]
 
-# Version of the file layout, incremented when older versions of the suite would misread new files.
-FORMAT = 1
+FORMAT = 1  # Version of the file layout, incremented when older versions of the suite would misread new files.
 
 # Bound of the arrays of a file [bytes], a dozen times what the greatest policy of the package takes.
 _MAX_BYTES = 64 * 2**20

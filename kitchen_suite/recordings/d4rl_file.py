@@ -17,8 +17,7 @@ from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.kitchen.observation import FRANKA_PARTS
 
-# In an HDF5 file, greatest size of an array of one control step beside its contents [bytes].
-_OVERHEAD = 4096
+_OVERHEAD = 4096  # In an HDF5 file, greatest size of an array of one control step beside its contents [bytes].
 
 # The 30 positions of an observation, the robot's and then the objects'; Relay Policy Learning's 60 numbers begin so.
 POSITIONS = FRANKA_PARTS.positions

@@ -42,8 +42,7 @@ _COLUMNS = {AGENT_POS: f"{_PREFIX}state", ENVIRONMENT_STATE: f"{_PREFIX}{ENVIRON
 _IMAGES = f"{_PREFIX}images."
 _ACTION, _REWARD = "action", "next.reward"
 _DONE, _TRUNCATED, _SUCCESS = "next.done", "next.truncated", "next.success"
-# Columns that LeRobot adds.
-_OWN_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
+_OWN_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index")  # Columns that LeRobot adds.
 
 DIGEST = "digest"  # Name of the array that stands for all numbers of an episode; see `digest`.
 

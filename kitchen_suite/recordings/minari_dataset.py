@@ -32,8 +32,7 @@ _CHUNK = 20  # Number of episodes in memory at the same time.
 _DATA_FILE = "main_data.hdf5"
 _EMPTY_BYTES, _ARRAY_BYTES = 2**16, 2**13
 
-# Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
-_ORIGINAL_ID = "FrankaKitchen-v1"
+_ORIGINAL_ID = "FrankaKitchen-v1"  # Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
 
 _ROOT_VARIABLE = "MINARI_DATASETS_PATH"
 

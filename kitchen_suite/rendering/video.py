@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
 
-# Bytes that a disk cannot take where it was too full for ffmpeg, which does not report it.
-_PROBE = 2**20
+_PROBE = 2**20  # Bytes that a disk cannot take where it was too full for ffmpeg, which does not report it.
 
 
 def check_ffmpeg() -> None:

@@ -14,9 +14,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import msgspec
+import numpy as np
 
-# Bytes from which a message has a chunk of its own: meshes are larger, poses are smaller.
-_MIN_SHARED = 512
+_MIN_SHARED = 512  # Bytes from which a message has a chunk of its own: meshes are larger, poses are smaller.
 
 
 class WebPage:
@@ -95,4 +95,5 @@ def _encoded(payload: bytes) -> tuple[bytes, list[bytes]]:
 
 def _script_json(value: Any) -> str:
     """Returns JSON that can stand in a script element; numbers that JSON does not have are null."""
-    return msgspec.json.encode(value).decode().replace("<", "\\u003c")
+    # Numbers of NumPy, such as metrics of a task of the user's own, become Python's.
+    return msgspec.json.encode(value, enc_hook=np.generic.item).decode().replace("<", "\\u003c")

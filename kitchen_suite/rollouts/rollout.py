@@ -19,8 +19,7 @@ from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, W
 from kitchen_suite.rollouts.spec import EpisodePolicies, EpisodeSpec, clipped_action, reset_to_seed, seeded_policies
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Control steps that an episode can go back.
-REWIND_STEPS = 250
+REWIND_STEPS = 250  # Control steps that an episode can go back.
 
 
 def episode_name(index: int, seed: int | None) -> str:

@@ -98,12 +98,12 @@ def _checked(contents: bytes) -> io.BytesIO:
 
 
 def check_modules(states: Mapping[str, Any], modules: Mapping[str, Any]) -> None:
-    """Raises a ValueError, for damaged state dicts any error, unless keys, shapes and types are those of modules."""
+    """Raises a ValueError unless keys, shapes and types are those of modules; damaged state dicts raise any error."""
     if states.keys() != modules.keys():
         raise ValueError(f"the modules must be {[*modules]}, got {[*states]}")
     for name, module in modules.items():
         if _form(states[name]) != _form(_template(module, states[name])):
-            raise ValueError(f"the state of {name!r} is that of another network or optimiser")
+            raise ValueError(f"the state of {name!r} is that of another network or optimiser, or of an earlier version")
 
 
 def _template(module: Any, state: Mapping[str, Any]) -> dict[str, Any]:

@@ -140,13 +140,13 @@ class Hyperparameters:
       value_scale: coefficient of the value loss.
       entropy_scale: entropy coefficient.
       gradient_norm: maximum norm of the gradient, which is clipped to it.
-      averaging: decay of a moving average of the policy's weights over updates, which is evaluated and exported, or 0.
+      averaging: decay of a moving average of the policy's weights, which is evaluated and exported; 0 for none.
       reward_scale: factor of the rewards.
       clone_epochs: passes over the demonstrations in behaviour cloning.
       value_batches: batches after cloning that train the value network alone (value warm-up).
       exploration: initial standard deviation of the actions, in units of `action_scale`.
       noise_correlation: correlation of the exploration noise of successive control steps, in [0, 1).
-      standardisation_epsilon: added to the standard deviations that divide observations, in units of these; positive.
+      standardisation_epsilon: added to the standard deviations by which observations are divided; positive.
       action_scale: action for network outputs of one; without any, half the range of the action's elements, or 0.01 rad
         and a gripper logit of 2 in `joint_offset`.
     """
@@ -247,7 +247,7 @@ class ChunkHyperparameters:
       batch_size: control steps of a step of the optimiser.
       learning_rate: of the optimiser (AdamW in imitation, Adam offline) at first; it falls to 0 like half a cosine.
       averaging: decay of the moving average of the policy's weights, which is evaluated and exported.
-      standardisation_epsilon: added to the standard deviations that divide inputs, in units of these; positive.
+      standardisation_epsilon: added to the standard deviations by which inputs are divided; positive.
     """
 
     width: int = 384

@@ -56,8 +56,7 @@ class TorchNetwork(torch.nn.Module):
         return networks.ResidualNetwork.take(arrays, "network")
 
 
-# Sizes and channels of the convolutions of pictures.
-_CONVOLUTIONS = ((5, 16), (3, 32), (3, 32))
+_CONVOLUTIONS = ((5, 16), (3, 32), (3, 32))  # Sizes and channels of the convolutions of pictures.
 
 
 class TorchEncoder(torch.nn.Module):

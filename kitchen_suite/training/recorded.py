@@ -206,9 +206,12 @@ class OfflineLearner(RecordingLearner):
 def _scales_of(recorded: Demonstrations | Transitions, epsilon: float) -> Scales:
     """Returns the standardisation of recorded inputs and actions; `epsilon` is added to deviations of inputs."""
     inputs, actions = recorded.inputs.astype(np.float64), recorded.actions.astype(np.float64)
-    of_inputs = inputs.mean(axis=0), inputs.std(axis=0) + epsilon
-    of_actions = actions.mean(axis=0), actions.std(axis=0) + _ACTION_EPSILON
-    return Scales(*(part.astype(np.float32) for part in (*of_inputs, *of_actions)))
+    return Scales(
+        input_mean=inputs.mean(axis=0).astype(np.float32),
+        input_deviation=(inputs.std(axis=0) + epsilon).astype(np.float32),
+        action_mean=actions.mean(axis=0).astype(np.float32),
+        action_deviation=(actions.std(axis=0) + _ACTION_EPSILON).astype(np.float32),
+    )
 
 
 class RecordingTraining(Training):

@@ -128,8 +128,15 @@ class SeedRun:
             self._learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000)
         # The curves that an interrupted run wrote after its last checkpoint are hidden.
         curves = CurveWriter(self._folder, first_step=self.steps + 1 if self.resumed else None)
-        looks: dict[str, Any] = {"unit": "step", "unit_scale": True, "disable": None, "leave": False}
-        bar = tqdm(total=self._schedule.num_steps, initial=self.steps, desc=f"seed {self._seed}, at most", **looks)
+        bar = tqdm(
+            total=self._schedule.num_steps,
+            initial=self.steps,
+            desc=f"seed {self._seed}, at most",
+            unit="step",
+            unit_scale=True,
+            disable=None,
+            leave=False,
+        )
         with contextlib.closing(curves) as writer, bar:
             if not self.resumed:
                 self._evaluate_and_checkpoint(writer, report)
@@ -170,9 +177,14 @@ class SeedRun:
         curves = {name.replace("episode/", "evaluation/"): mean for name, mean in means.items()}
         times = {"time/minutes": minutes, "time/processor_minutes": processor_seconds / 60}
         writer.write({**curves, **times}, self.steps)
-        found: dict[str, Any] = {"best": self.best, "progress": self._progress, "successes": self._successes}
-        state = self._learner.state()
-        checkpoint = Checkpoint(**state, seconds=seconds, processor_seconds=processor_seconds, **found)
+        checkpoint = Checkpoint(
+            **self._learner.state(),
+            seconds=seconds,
+            processor_seconds=processor_seconds,
+            best=self.best,
+            progress=self._progress,
+            successes=self._successes,
+        )
         checkpoints.save(self._folder, checkpoint)
         # In the columns of `HEADING`.
         report(

@@ -18,11 +18,8 @@ from typing import Any, Protocol
 from kitchen_suite.rendering import gl
 from kitchen_suite.versions import installed_versions
 
-# Deaths in a row in one slot, without a finished episode, after which the pool fails.
-_MAX_DEATHS = 3
-
-# Time after which a pool without a single worker says that it waits [s].
-_PATIENCE = 10.0
+_MAX_DEATHS = 3  # Deaths in a row in one slot, without a finished episode, after which the pool fails.
+_PATIENCE = 10.0  # Time after which a pool without a single worker says that it waits [s].
 
 _LOG = logging.getLogger(__name__)
 

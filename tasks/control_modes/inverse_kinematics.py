@@ -5,8 +5,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.tasks import rotations
 
-# Near singular configurations, joint steps stay below half of the error divided by it.
-_DAMPING = 0.05
+_DAMPING = 0.05  # Near singular configurations, joint steps stay below half of the error divided by it.
 
 
 def jacobian(

@@ -31,8 +31,7 @@ REWARD_STATE = "reward_state"
 # First part of the name of the info on the tasks that a step could complete, where they are requested in turn.
 ATTEMPTED = "attempted_tasks"
 
-# The request of a reset without options.
-_OPEN = Request()
+_OPEN = Request()  # The request of a reset without options.
 
 
 class KitchenState(NamedTuple):

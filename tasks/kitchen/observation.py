@@ -42,8 +42,7 @@ _OBJECT_VELOCITIES = {
 _OBJECTS = (*in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES))
 AMPLITUDES = np.array([*[0.1] * 18, *_OBJECTS])
 
-# Greatest rounding error of recorded numbers, in single precision.
-ROUNDING = 1e-6
+ROUNDING = 1e-6  # Greatest rounding error of recorded numbers, in single precision.
 
 
 class Parts(NamedTuple):
@@ -87,8 +86,7 @@ class Parts(NamedTuple):
 # Those of the Franka.
 ROBOT_POSITIONS, ROBOT_VELOCITIES, OBJECT_POSITIONS, OBJECT_VELOCITIES = FRANKA_PARTS = Parts.of(9)
 
-# Number of elements of the observation, with the Franka.
-SIZE = FRANKA_PARTS.size
+SIZE = FRANKA_PARTS.size  # Number of elements of the observation, with the Franka.
 
 
 def noise_scale(parts: Parts = FRANKA_PARTS, *, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:

@@ -461,8 +461,7 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         return infos
 
 
-# The first two columns of a rotation matrix after a position.
-_TWO_COLUMNS = np.array([3, 6, 9, 4, 7, 10])
+_TWO_COLUMNS = np.array([3, 6, 9, 4, 7, 10])  # The first two columns of a rotation matrix after a position.
 
 
 def noise_scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:

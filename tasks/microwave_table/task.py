@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -65,14 +66,15 @@ VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, 
 
 GOAL = Goal(prop="microwave", value=(OPEN_ANGLE,), instructions=OPEN_MICROWAVE)
 
-# Greatest noise on each joint of the arm at the start [rad].
-RESET_NOISE = 0.05
+RESET_NOISE = 0.05  # Greatest noise on each joint of the arm at the start [rad].
 
 # The cabinet's control modes, with a gripper that draws nothing.
-CONTROL_MODES: Mapping[str, Callable[..., ActionMode]] = {
-    **OFFSET_MODES,
-    "joint_offset": functools.partial(JointOffset, gripper="deterministic"),
-}
+CONTROL_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
+    {
+        **OFFSET_MODES,
+        "joint_offset": functools.partial(JointOffset, gripper="deterministic"),
+    }
+)
 
 
 class MicrowaveTableTask(OpeningTask):

@@ -1,6 +1,7 @@
 """Physics features of robot, handle and drawer, from which observation and reward are computed, and their sensors."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -10,19 +11,23 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.tasks.mdp import FeatureSensors
 
+_HOLD_DISTANCE = 0.03  # Greatest distance of the hand from the handle that it holds [m].
+
 # Index of each part in `Features.values`; a part with an integer instead of a slice has no axis.
-FEATURE_INDICES: Mapping[str, slice | int] = {
-    "joint_positions": slice(0, 9),
-    "joint_velocities": slice(9, 18),
-    "tcp_position": slice(18, 21),
-    "tcp_quaternion": slice(21, 25),
-    "handle_position": slice(25, 28),
-    "handle_quaternion": slice(28, 32),
-    "left_pad_height": 32,
-    "right_pad_height": 33,
-    "drawer_position": 34,
-    "drawer_velocity": 35,
-}
+FEATURE_INDICES: Mapping[str, slice | int] = MappingProxyType(
+    {
+        "joint_positions": slice(0, 9),
+        "joint_velocities": slice(9, 18),
+        "tcp_position": slice(18, 21),
+        "tcp_quaternion": slice(21, 25),
+        "handle_position": slice(25, 28),
+        "handle_quaternion": slice(28, 32),
+        "left_pad_height": 32,
+        "right_pad_height": 33,
+        "drawer_position": 34,
+        "drawer_velocity": 35,
+    }
+)
 FEATURES_SIZE = 36
 
 _HEIGHT = slice(2, 3)
@@ -73,7 +78,7 @@ class Features:
         self.handle_offset: NDArray[np.float64] = self.handle_position - self.tcp_position
         self.handle_distance = np.sqrt(np.add.reduce(np.square(self.handle_offset), axis=-1))
         self.quaternion_product = np.add.reduce(self.handle_quaternion * self.tcp_quaternion, axis=-1)
-        self.is_held_open = (self.drawer_position > 0.0) & (self.handle_distance <= 0.03)
+        self.is_held_open = (self.drawer_position > 0.0) & (self.handle_distance <= _HOLD_DISTANCE)
 
     @classmethod
     def of(cls, **parts: ArrayLike) -> Self:

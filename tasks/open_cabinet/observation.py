@@ -2,6 +2,7 @@
 
 import collections
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import numpy as np
 from dm_control.composer.observation import observable
@@ -60,24 +61,28 @@ def _sign(value: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 # Functions of the parts, before clipping, by observation key, in the order of the flat vector.
-PARTS: Mapping[str, Callable[[Features], NDArray[np.float64]]] = {
-    "joint_positions": scaled_joint_positions,
-    "joint_velocities": scaled_joint_velocities,
-    "handle_offset": handle_offset,
-    "handle_orientation_offset": handle_orientation_offset,
-    "drawer_position": drawer_position,
-    "drawer_velocity": drawer_velocity,
-}
+PARTS: Mapping[str, Callable[[Features], NDArray[np.float64]]] = MappingProxyType(
+    {
+        "joint_positions": scaled_joint_positions,
+        "joint_velocities": scaled_joint_velocities,
+        "handle_offset": handle_offset,
+        "handle_orientation_offset": handle_orientation_offset,
+        "drawer_position": drawer_position,
+        "drawer_velocity": drawer_velocity,
+    }
+)
 
 # Slice of each part in the flat vector.
-SLICES: Mapping[str, slice] = {
-    "joint_positions": slice(0, 8),
-    "joint_velocities": slice(8, 16),
-    "handle_offset": slice(16, 19),
-    "handle_orientation_offset": slice(19, 23),
-    "drawer_position": slice(23, 24),
-    "drawer_velocity": slice(24, 25),
-}
+SLICES: Mapping[str, slice] = MappingProxyType(
+    {
+        "joint_positions": slice(0, 8),
+        "joint_velocities": slice(8, 16),
+        "handle_offset": slice(16, 19),
+        "handle_orientation_offset": slice(19, 23),
+        "drawer_position": slice(23, 24),
+        "drawer_velocity": slice(24, 25),
+    }
+)
 SIZE = 25
 
 

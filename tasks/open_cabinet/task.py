@@ -1,6 +1,7 @@
 """The task of the open_cabinet domain: reach for the handle of a drawer, grasp it, and pull the drawer open."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,18 +23,19 @@ from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization
 from kitchen_suite.tasks.task import Highlighting, OpeningTask, PolicyInputs
 
 # Instructions by drawer; see `tasks.goals`.
-INSTRUCTIONS: Mapping[str, tuple[str, ...]] = {
-    drawer: (
-        f"open the {drawer} drawer of the cabinet",
-        f"open the {synonym} drawer of the cabinet",
-        f"pull the {drawer} drawer of the cabinet open",
-        f"pull out the {drawer} drawer by its handle",
-    )
-    for drawer, synonym in (("top", "upper"), ("bottom", "lower"))
-}
+INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        drawer: (
+            f"open the {drawer} drawer of the cabinet",
+            f"open the {synonym} drawer of the cabinet",
+            f"pull the {drawer} drawer of the cabinet open",
+            f"pull out the {drawer} drawer by its handle",
+        )
+        for drawer, synonym in (("top", "upper"), ("bottom", "lower"))
+    }
+)
 
-# Greatest noise on each joint at the start [rad, m].
-RESET_NOISE = 0.125
+RESET_NOISE = 0.125  # Greatest noise on each joint at the start [rad, m].
 
 
 class OpenCabinetTask(OpeningTask):

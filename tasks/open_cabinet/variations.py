@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from dm_control.composer.variation.distributions import Uniform
@@ -150,4 +151,4 @@ MODERATE = Randomization(
     pad_friction=Uniform(low=1.2, high=1.8),
 )
 
-PRESETS: Mapping[str, Randomization] = {"moderate": MODERATE}
+PRESETS: Mapping[str, Randomization] = MappingProxyType({"moderate": MODERATE})

@@ -5,6 +5,7 @@ A variation is a composer variation, a constant, or a list of these for the elem
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -108,15 +109,17 @@ class _Distribution:
 
 
 # By name in JSON. A `choice` has any number of values instead of arguments.
-DISTRIBUTIONS: Mapping[str, _Distribution] = {
-    "uniform": _Distribution(distributions.Uniform, ("low", "high"), ordered=True),
-    "uniform_integer": _Distribution(distributions.UniformInteger, ("low", "excluded high"), True, int),
-    "normal": _Distribution(distributions.Normal, ("mean", "standard deviation")),
-    "log_normal": _Distribution(distributions.LogNormal, ("mean of the logarithm", "its standard deviation")),
-    "exponential": _Distribution(distributions.Exponential, ("mean",)),
-    "poisson": _Distribution(distributions.Poisson, ("mean",)),
-    "bernoulli": _Distribution(distributions.Bernoulli, ("probability of 1",)),
-}
+DISTRIBUTIONS: Mapping[str, _Distribution] = MappingProxyType(
+    {
+        "uniform": _Distribution(distributions.Uniform, ("low", "high"), ordered=True),
+        "uniform_integer": _Distribution(distributions.UniformInteger, ("low", "excluded high"), True, int),
+        "normal": _Distribution(distributions.Normal, ("mean", "standard deviation")),
+        "log_normal": _Distribution(distributions.LogNormal, ("mean of the logarithm", "its standard deviation")),
+        "exponential": _Distribution(distributions.Exponential, ("mean",)),
+        "poisson": _Distribution(distributions.Poisson, ("mean",)),
+        "bernoulli": _Distribution(distributions.Bernoulli, ("probability of 1",)),
+    }
+)
 
 
 def parse(value: Any, parameter_type: ParameterType, name: str) -> Variation:

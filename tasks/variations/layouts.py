@@ -12,8 +12,7 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes import inverse_kinematics
 from kitchen_suite.tasks.mdp import as_columns
 
-# Depth by which two geoms may be deeper in each other than in the default layout [m].
-CLEARANCE_TOLERANCE = 0.004
+CLEARANCE_TOLERANCE = 0.004  # Depth by which two geoms may be deeper in each other than in the default layout [m].
 
 
 class Clearance:

@@ -18,14 +18,9 @@ from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS, Paramet
 from kitchen_suite.tasks.variations.layouts import LayoutCheck
 from kitchen_suite.tasks.variations.randomizer import Draw, Randomizer, Values
 
-# No requested task starts nearer to its goal than this multiple of its threshold.
-START_DISTANCE = 1.2
-
-# Number of refusals in a reset after which the layout is the default one.
-MAX_REFUSALS = 20
-
-# Flag of MuJoCo with which objects at rest sleep.
-SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+START_DISTANCE = 1.2  # No requested task starts nearer to its goal than this multiple of its threshold.
+MAX_REFUSALS = 20  # Number of refusals in a reset after which the layout is the default one.
+SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # Flag of MuJoCo with which objects at rest sleep.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,6 @@ import time
 
 import numpy as np
 import pytest
-import tqdm
 from helpers.sweeps import brief
 
 from kitchen_suite.cli.commands import evaluate
@@ -315,12 +314,13 @@ def test_a_folder_that_is_full_ends_in_one_line(run, tmp_path, monkeypatch):
 
 @pytest.mark.thorough
 def test_a_progress_bar_counts_all_episodes(run, monkeypatch):
-    made, begin = [], tqdm.tqdm.__init__
+    made = []
 
-    def begin_unseen(bar, **settings):
-        made.append(settings)
-        begin(bar, **settings | {"disable": True})
+    class Bar(report.EpisodeBar):
+        def __init__(self, *args):
+            super().__init__(*args)
+            made.append(self)
 
-    monkeypatch.setattr(report.EpisodeBar.__base__, "__init__", begin_unseen)
+    monkeypatch.setattr("kitchen_suite.evaluation.evaluate_job.EpisodeBar", Bar)
     assert run("--protocol=d4rl", "--num_episodes=1", "--max_episode_steps=1")[0] == 0
-    assert [(bar["total"], bar["unit"]) for bar in made] == [(3, "episode")]
+    assert [bar.total for bar in made] == [3]

@@ -73,7 +73,7 @@ def test_text_of_an_episode_cannot_end_the_script(page):
 
 def test_numbers_that_are_not_finite_do_not_empty_a_page(recordings):
     made = WebPage()
-    made.add(recordings[0], {**ABOUT, "rewards": [0.5, math.nan], "metrics": {"speed": [-math.inf, 1.0]}})
+    made.add(recordings[0], {**ABOUT, "rewards": [0.5, math.nan], "metrics": {"speed": [-math.inf, np.float64(1.0)]}})
     page = pages.script_json(made.html("page"), "page-json")
     (episode,) = page["episodes"]
     assert (episode["rewards"], episode["metrics"]) == ([0.5, None], {"speed": [None, 1.0]})

@@ -17,8 +17,7 @@ from kitchen_suite.policies.experts.skills import Array, Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks.mdp import ActionMode
 
-# A trajectory that the arm does not follow is halted, and fails after this many control steps.
-_MAX_HALTED_STEPS = 12
+_MAX_HALTED_STEPS = 12  # A trajectory that the arm does not follow is halted, and fails after this many control steps.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -32,8 +32,7 @@ _LINEAR_SPEED, _ANGULAR_SPEED = 0.25, 1.0
 # The velocity scale for which the joint speeds hold: velocity of a joint for an action of one [rad/s].
 _VELOCITY_SCALE = 2.0
 
-# Gripper logit at which a sampled gripper closes almost surely.
-_CLOSE_LOGIT = 50.0
+_CLOSE_LOGIT = 50.0  # Gripper logit at which a sampled gripper closes almost surely.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -13,8 +13,7 @@ from kitchen_suite.entities.robot import Arm, ArmSpec, Robot
 from kitchen_suite.entities.scenes import SiteArena
 from kitchen_suite.policies.experts.skills import Array
 
-# The Franka's arm's joints among the robot's; the fingers' joints follow.
-ARM = slice(0, 7)
+ARM = slice(0, 7)  # The Franka's arm's joints among the robot's; the fingers' joints follow.
 
 # Costs of the hand's orientation error and, as the arm is redundant, of joint motion: one radian costs as much as a
 # position error of this size [m].

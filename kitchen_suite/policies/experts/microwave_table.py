@@ -29,8 +29,7 @@ _DISTANCES = (0.11, 0.07, 0.0)
 # handle: to the right, ahead, and up [m].
 _BESIDE, _PRESSED = 0.05, 0.01
 _AHEAD, _ABOVE = 0.015, 0.11
-# Displacement of the hand after it has lost the handle [m].
-_RETREAT = (-0.10, -0.05, 0.0)
+_RETREAT = (-0.10, -0.05, 0.0)  # Displacement of the hand after it has lost the handle [m].
 
 # Speeds of the hand towards the handle [m/s], and of the door [rad/s].
 _APPROACH_SPEED, _DOOR_SPEED = 0.25, 0.5
@@ -42,8 +41,7 @@ _CLOSING_STEPS, _OPENING_STEPS, _SETTLE_STEPS = 15, 20, 15
 _FIRST_ANGLE = 0.1
 # Distance from the goal at which the expert stops [rad].
 _TOLERANCE = 0.03
-# Horizontal distance of the site from the handle beyond which the hand has lost it [m].
-_SLIP = 0.09
+_SLIP = 0.09  # Horizontal distance of the site from the handle beyond which the hand has lost it [m].
 
 
 class MicrowaveExpert(Expert):

@@ -37,8 +37,7 @@ _TILTS = {"top": 0.0, "bottom": 40.0}
 
 # Observed opening at which the expert stops [m]; noise may make the opening look larger than it is.
 _ENOUGH = SUCCESS_OPENING + 0.02
-# Control steps from the end of a trajectory to a new attempt: the drawer lags behind the hand.
-_SETTLE_STEPS = 40
+_SETTLE_STEPS = 40  # Control steps from the end of a trajectory to a new attempt: the drawer lags behind the hand.
 
 # Distance between hand and handle beyond which the grasp has failed [m]: half a pad is 0.01; noise may add as much.
 _SLIP = 0.04

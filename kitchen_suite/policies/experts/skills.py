@@ -14,8 +14,7 @@ Array = NDArray[np.float64]
 # Opening of each finger [m].
 OPEN, CLOSED = 0.04, 0.0
 
-# Faster than any joint can move the hand [m/s, rad/s].
-UNLIMITED = 10.0
+UNLIMITED = 10.0  # Faster than any joint can move the hand [m/s, rad/s].
 
 
 def vector(array: ArrayLike) -> Vector:

@@ -16,8 +16,7 @@ from kitchen_suite.tasks.goals import GoalSet, Thresholds
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 
-# Repertoires by name.
-_REPERTOIRES = {"seven": DEFAULT_TASKS, "twenty": tuple(GOALS)}
+_REPERTOIRES = {"seven": DEFAULT_TASKS, "twenty": tuple(GOALS)}  # Repertoires by name.
 
 # The task whose goal has another object at rest, and the task that puts this to rest.
 _NEEDS = {"hinge cabinet": "close left hinge cabinet"}
