@@ -115,6 +115,8 @@ class ArmSpec:
     base_quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
+_MAX_JOINTS = 7  # Of an arm: pushes displace as many.
+
 # Options of the physics with which these arms and hands are stable and hold what they grasp.
 PHYSICS_OPTIONS: Mapping[str, Any] = MappingProxyType(
     {"integrator": "implicitfast", "cone": "elliptic", "impratio": 10.0}
@@ -126,6 +128,8 @@ class Arm(Robot):
 
     def _build(self, specification: ArmSpec, *, visuals: bool = True) -> None:
         """Loads the arm and its hand; without `visuals` it has no visual geoms, and the physics stays the same."""
+        if not 0 < len(specification.servos) <= _MAX_JOINTS:
+            raise ValueError(f"robot {specification.name!r} must have 1 to {_MAX_JOINTS} servos of its arm")
         self._specification = specification
         self._mjcf_root = _prepared(specification.arm(), visuals)
         self._mjcf_root.model = specification.name
@@ -172,8 +176,8 @@ class Arm(Robot):
 
     @property
     def home(self) -> tuple[float, ...]:
-        prefix = len(self._specification.name) + 1
-        return tuple(self._specification.home.get(joint.full_identifier[prefix:], 0.0) for joint in self.joints)
+        angles = {self._find("joint", name): angle for name, angle in self._specification.home.items()}
+        return tuple(angles.get(joint, 0.0) for joint in self.joints)
 
     @property
     def grip(self) -> tuple[float, float]:
@@ -182,6 +186,8 @@ class Arm(Robot):
 
 def _prepared(model: mjcf.RootElement, visuals: bool) -> mjcf.RootElement:
     """Returns a model without what belongs to a scene of its own, with visual geoms only where they are wanted."""
+    if model.compiler.angle != "radian":
+        raise ValueError(f"angles of the MJCF {model.model!r} must be in radians: it has compiler angle='degree'")
     for kind in ("light", "sensor", "key"):
         for element in model.find_all(kind, exclude_attachments=True):
             element.remove()
@@ -218,9 +224,12 @@ def _servos(specification: ArmSpec) -> tuple[JointActuator, ...]:
     physics = mjcf.Physics.from_mjcf_model(robot.mjcf_model)
     joints = physics.bind(robot.joints[: robot.arm_size])
     servos = physics.bind(robot.actuators[: robot.arm_size])
-    for name, bias in zip(specification.servos.values(), servos.biasprm, strict=True):
-        if bias[1] >= 0.0:
-            raise ValueError(f"actuator {name!r} of robot {specification.name!r} must be a position servo")
+    model = physics.model
+    limited = zip(model.jnt_limited[joints.element_id], model.actuator_ctrllimited[servos.element_id], strict=True)
+    for (joint, name), bias, limits in zip(specification.servos.items(), servos.biasprm, limited, strict=True):
+        if bias[1] >= 0.0 or not all(limits):
+            wanted = f"a range of joint {joint!r}, and a position servo {name!r} with a control range"
+            raise ValueError(f"robot {specification.name!r} needs {wanted}")
     columns = {
         "joint": specification.servos,
         "range": map(tuple, joints.range.tolist()),

@@ -313,12 +313,13 @@ def in_observed_order(by_prop: Mapping[str, Sequence[float]]) -> list[float]:
 def exclude_base_contacts(arena: KitchenArena, robot: Robot) -> None:
     """Excludes contacts between the robot's base and its first link, which saves collision checks.
 
-    They are 1 mm apart at every joint angle. MuJoCo itself excludes contacts between parent and child bodies, but not
-    where the parent is fixed to the world.
+    The Franka's are 1 mm apart at every joint angle. MuJoCo itself excludes contacts between parent and child bodies,
+    but not where the parent is fixed to the world.
     """
     first = robot.joints[0].parent
     base = first.parent
-    arena.mjcf_model.contact.add("exclude", name="base_and_first_link", body1=base, body2=first)
+    if base.tag == "body":
+        arena.mjcf_model.contact.add("exclude", name="base_and_first_link", body1=base, body2=first)
 
 
 class MicrowaveTableArena(SiteArena):

@@ -179,10 +179,14 @@ def play_in_mode(number: int, mode: str) -> list[tuple[str, bool]]:
 
 
 def measure_modes() -> None:
-    """Writes how often the expert succeeds in each control mode, on the same tasks, of all and by verb."""
+    """Writes how often the expert succeeds in each control mode, on the same tasks, of all and by verb.
+
+    Modes that have a row in the file are left alone.
+    """
     path = RESULTS / "kitchens_modes.json"
     results = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-    for mode in [*CONTROL_MODES][len(results) :]:
+    measured = {row["mode"] for row in results}
+    for mode in (mode for mode in CONTROL_MODES if mode not in measured):
         with concurrent.futures.ProcessPoolExecutor(processors(), multiprocessing.get_context("spawn")) as pool:
             played = pool.map(functools.partial(play_in_mode, mode=mode), MODE_KITCHENS)
             done: dict[str, list[bool]] = {}

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from kitchen_suite import suite
+from kitchen_suite.entities.fixtures import HANDLES, STYLES
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering.cameras import camera_names
@@ -333,22 +334,23 @@ WALL_ROW = (
     ("wall_doors", "wall_sliding, at most 1", "hinge_cabinet, at most 1", "slide_cabinet, at most 1"),
 )
 BASE_ROW = ("row below the counter", "row", ("drawers", "base_doors", "stove, at most 1"))
+# What may stand on each side of the robot, by what is before it.
+BESIDE = {"oven": ("tall_door",), "cabinets": ("tall_door", "drawers", "base_doors")}
+SIDES = {wall: ("left, right of the robot", "one", (", ".join(("nothing", *kinds)),)) for wall, kinds in BESIDE.items()}
 GRAMMAR = (
     "kitchen",
     "all",
     (
-        ("style", "one", ("slate, oak, white, sage, navy, terracotta",)),
-        ("handle of all cabinets", "one", ("bar, knob",)),
+        ("style", "one", (", ".join(STYLES),)),
+        ("handle of all cabinets", "one", (", ".join(HANDLES),)),
         (
             "wall before the robot",
             "one",
             (
-                ("oven wall", "all", ("oven", "kettle?", "hood?", WALL_ROW)),
-                ("cabinet wall", "all", (BASE_ROW, "microwave?", WALL_ROW[0])),
+                ("oven wall", "all", ("oven", "kettle?", "hood?", WALL_ROW, SIDES["oven"])),
+                ("cabinet wall", "all", (BASE_ROW, "microwave?", WALL_ROW[0], SIDES["cabinets"])),
             ),
         ),
-        ("left of the robot", "one", ("nothing, tall_door, drawers, base_doors",)),
-        ("right of the robot", "one", ("nothing, tall_door, drawers, base_doors",)),
     ),
 )
 # Colours of the lines, by how parts are drawn, and their meaning.
@@ -375,7 +377,7 @@ def write_grammar_diagram() -> None:
     panel.axis("off")
     styles = [lines.Line2D([], [], color=color, linestyle=dash, label=words) for color, dash, words in DRAWN.values()]
     styles.append(lines.Line2D([], [], color="none", label="?  may be missing"))
-    panel.legend(handles=styles, loc="lower right", frameon=False)
+    panel.legend(handles=styles, loc="upper right", frameon=False)
     figure.savefig(PICTURES / "kitchens_grammar.svg", bbox_inches="tight", metadata={"Date": None})
     pyplot.close(figure)
 

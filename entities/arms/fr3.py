@@ -16,7 +16,7 @@ FR3 = ArmSpec(
     open=255.0,
     tool="panda hand/hand",
     tool_pos=(0.0, 0.0, 0.075),
-    # The hand is where that of the kitchen's Franka is.
+    # By the published lengths of its links, the hand is where that of the kitchen's Franka is.
     home={
         **dict(zip(_SERVOS, (-0.1535, -0.9313, 1.8788, -2.4513, -0.8281, 2.1155, -0.7525), strict=True)),
         "panda hand/finger_joint1": 0.04,

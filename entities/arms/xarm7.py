@@ -15,7 +15,7 @@ XARM7 = ArmSpec(
     open=0.0,
     tool="xarm_gripper_base_link",
     tool_pos=(0.0, 0.0, 0.125),
-    # The hand is where the Franka's is.
+    # By the published lengths of its links, the hand is where the Franka's is.
     home=dict(zip(_SERVOS, (-1.7606, -1.0199, -2.3568, 1.2876, -1.4712, 2.3414, -0.3086), strict=True)),
     # Its reach is less.
     base_pos=(0.1, 0.0, 0.0),

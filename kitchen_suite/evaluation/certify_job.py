@@ -13,7 +13,6 @@ from tqdm import tqdm
 
 from kitchen_suite import policies, suite
 from kitchen_suite.entities.designs import KitchenDesign
-from kitchen_suite.names import FAST
 from kitchen_suite.policies.experts.kitchens import reached_handles
 from kitchen_suite.rollouts.report import print_line, table
 from kitchen_suite.settings import CertifySettings
@@ -46,7 +45,7 @@ def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
     return Certificate(
         design=number,
         digest=certificates.design_digest(design),
-        physics=FAST,
+        physics=task.scene.physics,
         depth_mm=round(1e3 * depth, 3),
         reached=reached_handles(design),
         steps=steps,
@@ -92,13 +91,15 @@ class CertifyJob:
         return all(certificate.depth_mm <= 1e3 * CLEARANCE_TOLERANCE for certificate in found)
 
     def _check(self) -> bool:
-        """Certifies kitchens again that have a certificate in the file, and compares."""
-        numbers = [number for number in self._numbers if number in self._present]
-        different = [each.design for each in self._certified(numbers) if each != self._present[each.design]]
-        for number in different:
-            print_line(f"kitchen {self._settings.split}/{number} has another certificate now")
-        print_line(f"{len(numbers) - len(different)} of {len(numbers)} certificates hold")
-        return not different and bool(numbers)
+        """Certifies kitchens again, and compares with the file."""
+        known = [number for number in self._numbers if number in self._present]
+        different = {each.design for each in self._certified(known) if each != self._present[each.design]}
+        wrong = [number for number in self._numbers if number in different or number not in self._present]
+        for number in wrong:
+            problem = "another certificate now" if number in different else "no certificate in the file"
+            print_line(f"kitchen {self._settings.split}/{number} has {problem}")
+        print_line(f"{len(self._numbers) - len(wrong)} of {len(self._numbers)} certificates hold")
+        return not wrong
 
     def _certified(self, numbers: list[int]) -> Iterator[Certificate]:
         """Yields the certificates of kitchens in the order of their numbers, from several processes."""

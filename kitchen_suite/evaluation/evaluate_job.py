@@ -12,7 +12,7 @@ from dm_control.rl.control import PhysicsError
 from kitchen_suite import files, policies, suite
 from kitchen_suite.evaluation import criteria
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
-from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
+from kitchen_suite.evaluation.plan import EvaluationPlan, check_robot, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipts import MAX_EPISODES, MAX_STEPS, Receipt, Trace, TraceRecorder
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
@@ -223,6 +223,8 @@ def check_receipt(plan: EvaluationPlan) -> None:
     """Raises a ValueError unless a receipt of the episodes could be verified."""
     if plan.first.domain_name not in suite.DOMAINS:
         raise ValueError(f"a receipt of domain {plan.first.domain_name!r} could not be verified: it is not the suite's")
+    for spec in plan.specs.values():
+        check_robot(spec.task_kwargs)
     episodes = plan.num_episodes * len(plan.specs)
     steps = episodes * plan.first.max_episode_steps
     if episodes > MAX_EPISODES or steps > MAX_STEPS:

@@ -13,6 +13,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, policies, suite
+from kitchen_suite.entities.arms import ARMS, FRANKA
 from kitchen_suite.evaluation import criteria
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Measure, Protocol, Score, domain_protocols
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -100,6 +101,7 @@ class EvaluationPlan:
         specs = {}
         for name, condition in record.conditions.items():
             task_name, kwargs = condition.task_name, condition.task_kwargs
+            check_robot(kwargs)
             environments = EnvironmentSpec.make(domain.name, task_name, kwargs, record.max_episode_steps)
             played = environments.episodes(policy="zero", seed=record.seed, seeding="gymnasium")
             specs[name] = dataclasses.replace(
@@ -246,3 +248,8 @@ def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, EpisodeS
             replaced = condition.task_name not in (None, spec.task_name)
             specs[spec.task_name if replaced else condition.name or spec.task_name] = spec
     return specs
+
+
+def check_robot(task_kwargs: Mapping[str, Any]) -> None:
+    """Raises a ValueError if a robot is not the suite's: to read a receipt must not import code that it names."""
+    checks.choice(task_kwargs.get("robot", FRANKA), (FRANKA, *ARMS), "robot of a receipt")

@@ -183,8 +183,7 @@ def _arrays(results: Sequence[EpisodeResult]) -> tuple[NDArray[np.bool_], NDArra
     rows = [result.asked or {} for result in results]
     tasks = sorted({name for row in rows for name in row})
     asked = np.array([[name in row for name in tasks] for row in rows])
-    steps = np.array([[row.get(name) or -1 for name in tasks] for row in rows])
-    return asked, steps, tasks
+    return asked, np.array([[row.get(name) or -1 for name in tasks] for row in rows]), tasks
 
 
 def _task_rate(completed: NDArray[np.bool_]) -> dict[str, Any]:

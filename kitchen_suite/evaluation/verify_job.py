@@ -188,8 +188,7 @@ def _table(compared: Mapping[str, list[Comparison]]) -> str:
         same = sum(comparison.scores_alike for comparison in each)
         greatest = max(comparison.greatest for comparison in each)
         rows.append((name, str(len(each)), str(equal), str(same), str(min(first, default="none")), f"{greatest:.3g}"))
-    heading = ("condition", "episodes", "equal", "same result", "first difference", "greatest at the end")
-    return table(heading, rows)
+    return table(("condition", "episodes", "equal", "same result", "first difference", "greatest at the end"), rows)
 
 
 def _print_differences(compared: list[Comparison]) -> None:

@@ -52,7 +52,6 @@ class SuiteEnv(gymnasium.Env):
       default_domain: name of the domain where none is given; empty for a class of any domain.
       obs_types: names of the observation types; the first is the default.
       default_cameras: cameras of the observation types with pictures where none are named.
-      robot_keys: parts of the flat observation that are the robot's, by their names in the suite's own observation.
       observation_limit: bound of the flat observation.
       observation_dtype: its type.
       free_camera: attributes of the free camera.
@@ -65,7 +64,6 @@ class SuiteEnv(gymnasium.Env):
     default_domain: ClassVar[str] = ""
     obs_types: ClassVar[tuple[str, ...]] = tuple(name for name in observations.OBS_TYPES if name != "goal")
     default_cameras: ClassVar[tuple[str, ...]] = ("overview",)
-    robot_keys: ClassVar[tuple[str, ...]] = ("joint_positions", "joint_velocities")
     observation_limit: ClassVar[float] = math.inf
     observation_dtype: ClassVar[type[np.floating]] = np.float32
     free_camera: ClassVar[Mapping[str, Any]] = {"distance": 2.5, "azimuth": 125.0, "elevation": -25.0}
@@ -229,6 +227,11 @@ class SuiteEnv(gymnasium.Env):
     def __repr__(self) -> str:
         settings = f"render_mode={self.render_mode!r}, max_episode_steps={self._max_episode_steps}"
         return f"{type(self).__name__}({self.composer_task!r}, {settings})"
+
+    @property
+    def robot_keys(self) -> tuple[str, ...]:
+        """Parts of the flat observation that are the robot's, by their names in the suite's own observation."""
+        return ("joint_positions", "joint_velocities")
 
     @property
     def instruction(self) -> str:

@@ -54,7 +54,7 @@ class FrankaMicrowaveTableEnv(SuiteEnv):
 class KitchensEnv(SuiteEnv):
     """A Franka in a generated kitchen, over `KitchensTask`: it opens, closes, turns on or off, and moves parts.
 
-    Observation: 363 numbers, float32, the same for all kitchens; table in docs/domains/kitchens.md.
+    Observation: 363 numbers, float32, fewer with `num_slots`; the same in all kitchens. See docs/domains/kitchens.md.
     Action: nine joint velocities in [-1, 1], float32, as in the kitchen.
     Info: arrays `(K,)` in the order of the design's parts, with zeros in empty slots: `openings`, `goal_openings`,
       `requested_tasks_mask`, `requested_order`, and `completion_steps`, -1 for what has not been completed. Arrays of

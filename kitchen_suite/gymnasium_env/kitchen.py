@@ -39,9 +39,7 @@ class KitchenObservations(observations.Observations):
     def __init__(self, environment: Environment, *args: Any, flat_goals: bool, **settings: Any) -> None:
         """Finds the parts; goals are one array each if `flat_goals`, otherwise dicts by task."""
         self._mdp, self._flat_goals = environment.task.mdp, flat_goals
-        robot = environment.task.robot.mjcf_model.full_identifier
-        keys = (f"{robot}joint_positions", f"{robot}joint_velocities")
-        super().__init__(environment, *args, **{**settings, "robot_keys": keys})
+        super().__init__(environment, *args, **settings)
 
     def goal_parts(self) -> dict[str, observations.Part]:
         goals = self._mdp.goals
@@ -182,6 +180,11 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         if self.has_instructions and not self.instruction:
             name = type(self.composer_task).__name__
             raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
+
+    @property
+    def robot_keys(self) -> tuple[str, ...]:
+        robot = self.composer_task.robot.mjcf_model.full_identifier
+        return (f"{robot}joint_positions", f"{robot}joint_velocities")
 
     def _make_observations(self, obs_type: str, make: Any = KitchenObservations) -> observations.Observations:
         # Goals are read from the task's state: faster than one observable for each task.

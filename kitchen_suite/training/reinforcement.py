@@ -239,8 +239,7 @@ class PPOLearner(Learner):
         return metrics
 
     def _tensor(self, observations: Any) -> torch.Tensor:
-        flat = self._task.policy_inputs.flatten(observations)
-        return torch.as_tensor(flat, dtype=torch.float32)
+        return torch.as_tensor(self._task.policy_inputs.flatten(observations), dtype=torch.float32)
 
     def _applied(self, actions: torch.Tensor) -> NDArray[np.float32]:
         """Returns the actions `(n, k)` of the environments for those of the policy."""

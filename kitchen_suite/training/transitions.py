@@ -23,7 +23,6 @@ REACHED = 0.1
 # states of any episode. Source: OGBench's goal-conditioned IQL.
 _NEXT, _LATER = 0.2, 0.5
 
-
 # Arguments that may differ between a recording and the environments that a policy is evaluated in.
 _FREE = {"physics", "render_quality", "sleep", "variation_split", "variations"}
 

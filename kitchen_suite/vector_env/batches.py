@@ -1,5 +1,6 @@
 """Batches of simulations of one model, or of several side by side."""
 
+import collections
 import concurrent.futures
 import ctypes
 import functools
@@ -83,29 +84,33 @@ class JoinedBatch:
         """Returns live rows of a field of the model, which each simulation then has for itself."""
         return self._split([batch.expand(name) for batch in self.batches])
 
-    def _call(self, method: Callable[..., None], ids: NDArray | None, *arguments: Any, **options: Any) -> None:
+    def call(self, method: Callable[..., None], ids: NDArray | None, *arguments: Any, **options: Any) -> None:
         """Calls a method of each batch for its simulations among some, all if `ids` is None."""
         chosen = np.full(self._order.size, ids is None)
         if ids is not None:
             chosen[ids] = True
         masks = [(batch, chosen[rows]) for batch, rows in zip(self.batches, self.rows, strict=True)]
-        waiting = iter([(batch, mask) for batch, mask in masks if mask.any()])
+        calls = [(batch, mask) for batch, mask in masks if mask.any()]
+        waiting, others = iter(calls), list[concurrent.futures.Future[None]]()
 
         def work() -> None:
             for batch, mask in waiting:
                 method(batch, None if mask.all() else mask, *arguments, **options)
 
-        others = [self._pool.submit(work) for _ in range(self._others)]
         try:
+            for _ in range(min(self._others, len(calls) - 1)):
+                others.append(self._pool.submit(work))
             work()
         finally:
+            # After an error or an interrupt nobody begins another call.
+            collections.deque(waiting, maxlen=0)
             concurrent.futures.wait(others)
         for other in others:
             other.result()
 
-    reset = functools.partialmethod(_call, Batch.reset)
-    forward = functools.partialmethod(_call, Batch.forward)
-    step = functools.partialmethod(_call, Batch.step)
+    reset = functools.partialmethod(call, Batch.reset)
+    forward = functools.partialmethod(call, Batch.forward)
+    step = functools.partialmethod(call, Batch.step)
 
 
 class JoinedSimulation:

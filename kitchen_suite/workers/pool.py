@@ -49,9 +49,8 @@ class Worker:
         try:
             gl.prepare(rendering=False)
             here = installed_versions()
-            if odd := [
-                f"{name} {here[name]} instead of {there}" for name, there in versions.items() if here[name] != there
-            ]:
+            odd = [f"{name} {here[name]} instead of {there}" for name, there in versions.items() if here[name] != there]
+            if odd:
                 raise ValueError(f"it has {', '.join(odd)}, so its episodes would differ")
             self._runner: EpisodeRunner = pickle.loads(pickled)()
         except (ImportError, OSError, TypeError, ValueError) as error:

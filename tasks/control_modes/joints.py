@@ -222,8 +222,7 @@ class JointDelta(ActionMode):
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Seven joint velocities, as a share of `joint_speed`, and the gripper: +1 closed, -1 open; in [-1, 1]."""
-        names = [actuator.full_identifier for actuator in robot.actuators[:ARM_SIZE]]
-        return unit_spec([*names, "gripper"])
+        return unit_spec([*(actuator.full_identifier for actuator in robot.actuators[:ARM_SIZE]), "gripper"])
 
     def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
         self._servos, self._gripper = ArmServos(physics, robot), Gripper(robot)

@@ -170,8 +170,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         """Returns the last goal state `(..., 30)`; where none is observed, the start with the requested tasks done."""
         if state.goal_states is not None:
             return state.goal_states[..., -self.initial_qpos.size :].copy()
-        masks = self.current_mask(state)
-        return np.apply_along_axis(self._state_with, -1, masks)
+        return np.apply_along_axis(self._state_with, -1, self.current_mask(state))
 
     def _state_with(self, done: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Returns the state `(30,)` of the kitchen at its start, but with some of the tasks `(n,)` done."""

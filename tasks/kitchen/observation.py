@@ -40,8 +40,6 @@ _OBJECT_VELOCITIES = {
 }
 
 _OBJECTS = (*in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES))
-AMPLITUDES = np.array([*[0.1] * 18, *_OBJECTS])
-
 ROUNDING = 1e-6  # Greatest rounding error of recorded numbers, in single precision.
 
 
@@ -95,6 +93,9 @@ def noise_scale(parts: Parts = FRANKA_PARTS, *, robot_ratio: float, object_ratio
     robot = parts.noise["robot_noise"]
     ratios[robot] = robot_ratio
     return ratios * np.array([*[0.1] * robot.stop, *_OBJECTS])
+
+
+AMPLITUDES = noise_scale(robot_ratio=1.0, object_ratio=1.0)
 
 
 class KitchenReading(NamedTuple):

@@ -242,9 +242,7 @@ REWARDS: Mapping[str, Mapping[str, RewardTerm]] = MappingProxyType(
 )
 """The terms of each reward, by the names of reward and term."""
 
-GOAL_TERMS = frozenset(
-    {completions, approach, progress, completed, approach_gain, progress_gain, completion_gain},
-)
+GOAL_TERMS = frozenset({completions, approach, progress, completed, approach_gain, progress_gain, completion_gain})
 """Terms that read only `completions` or, of a dense reward, `shares` of the state after the step, so that they can be
 computed for other goals. Infos have the values of all other terms."""
 

@@ -17,12 +17,7 @@ from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, ma
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, OUT_OF_REACH, THRESHOLD, Start, build_goals, initial_qpos, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
-from kitchen_suite.tasks.kitchen.observation import (
-    ROUNDING,
-    KitchenObservables,
-    KitchenSensors,
-    noise_scale,
-)
+from kitchen_suite.tasks.kitchen.observation import ROUNDING, KitchenObservables, KitchenSensors, noise_scale
 from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, REQUESTED, TaskDraw, TaskRequests
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter

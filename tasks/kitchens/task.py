@@ -77,11 +77,11 @@ class PartRequests(ResetRequests):
         scene: GeneratedKitchen,
         verbs: Sequence[str],
         count: object,
-        most: int = MAX_PARTS,
+        num_slots: int = MAX_PARTS,
         allowed: Collection[str] | None = None,
     ) -> None:
-        """Collects the tasks of some verbs in a kitchen, all or those allowed; episodes ask for at most `most`."""
-        self._most = most
+        """Collects the tasks of some verbs in a kitchen, all or those allowed; episodes ask for at most `num_slots`."""
+        self._num_slots = num_slots
         self._slots: dict[str, tuple[int, bool]] = {}
         for k, (name, (_, part)) in enumerate(zip(scene.part_names, scene.parts, strict=True)):
             for verb in verbs:
@@ -119,8 +119,8 @@ class PartRequests(ResetRequests):
         return tasks
 
     def _check_count(self, count: int) -> None:
-        if count > self._most:
-            raise ValueError(f"num_slots must be at least {count}, the parts that are requested, got {self._most}")
+        if count > self._num_slots:
+            raise ValueError(f"num_slots must be at least {count}, the parts that are requested, got {self._num_slots}")
 
     def follow(self, request: tuple[str, ...] | None) -> None:
         self._next = request
@@ -157,8 +157,8 @@ class KitchensTask(SuiteTask):
       but for parts that the episode asks to close or to turn off.
     Reward: 1 for each task that a step completes; or a dense one, as in the kitchen.
     End: discount 0 once all tasks that the episode asks for have been completed, with the sparse reward.
-    Observations: 363 numbers in four parts, in single precision, with noise: joints, the pose of the hand, and slots
-      of parts, the requested ones first; see `mdp.PARTS` and `mdp.SLOT_PARTS`.
+    Observations: 363 numbers, fewer with `num_slots`, in four parts, in single precision, with noise: joints, the pose
+      of the hand, and slots of parts, the requested ones first; see `mdp.PARTS` and `mdp.SLOT_PARTS`.
 
     Attributes:
       requests: the parts that episodes ask for.

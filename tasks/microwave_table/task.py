@@ -70,10 +70,7 @@ RESET_NOISE = 0.05  # Greatest noise on each joint of the arm at the start [rad]
 
 # The cabinet's control modes, with a gripper that draws nothing.
 CONTROL_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
-    {
-        **OFFSET_MODES,
-        "joint_offset": functools.partial(JointOffset, gripper="deterministic"),
-    }
+    {**OFFSET_MODES, "joint_offset": functools.partial(JointOffset, gripper="deterministic")}
 )
 
 

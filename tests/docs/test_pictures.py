@@ -4,8 +4,10 @@ import re
 
 import pytest
 from docs_blocks import ROOT
+from docs_scripts import load_script
 from PIL import Image
 
+from kitchen_suite.entities.designs import KitchenDesign
 from kitchen_suite.entities.fixtures import KINDS
 
 PICTURES = ROOT / "docs" / "pictures"
@@ -53,3 +55,11 @@ def test_all_pictures_are_shown_and_together_small():
 def test_the_diagram_of_the_grammar_has_every_kind_of_fixture():
     text = (PICTURES / "kitchens_grammar.svg").read_text(encoding="utf-8")
     assert [kind for kind in KINDS if kind not in text] == []
+
+
+def test_the_diagram_says_what_may_stand_beside_the_robot():
+    found = {"oven": set(), "cabinets": set()}
+    for placed in (KitchenDesign.drawn(number, "train").placed for number in range(500)):
+        kinds = {each.design.kind for each in placed}
+        found["oven" if "oven" in kinds else "cabinets"] |= {each.design.kind for each in placed if each.yaw != 0.0}
+    assert found == {wall: {*kinds} for wall, kinds in load_script("scripts/pictures").BESIDE.items()}

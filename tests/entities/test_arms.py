@@ -1,5 +1,6 @@
 """Other arms in the kitchen, with an arm of one's own that needs no package; tests/clients has those that do."""
 
+import dataclasses
 import importlib.util
 import runpy
 from pathlib import Path
@@ -7,15 +8,14 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+from dm_control import mjcf
 
 import kitchen_suite.gymnasium_env  # noqa: F401
 from kitchen_suite import suite
-from kitchen_suite.entities import Franka
 from kitchen_suite.entities.arms import ARMS, make_robot
-from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "my_arm.py"
-MY_ARM = runpy.run_path(str(EXAMPLE))["MY_ARM"]
+MJCF, MY_ARM = map(runpy.run_path(str(EXAMPLE)).get, ("MJCF", "MY_ARM"))
 KITCHEN = "KitchenSuite/FrankaKitchen-v1"
 OPTIONS = {"robot": MY_ARM, "control_mode": "ee_delta_pose", "visuals": False}
 
@@ -78,14 +78,49 @@ def test_an_unknown_robot_is_refused(robot, error):
         load(robot=robot)
 
 
+@pytest.mark.parametrize(
+    ("removed", "put", "shown"),
+    [
+        ('angle="radian"', "", "must be in radians"),
+        (' range="-3 3"', "", "needs a range of joint 'a', and a position servo 'a'"),
+        (' ctrlrange="-3 3"', "", "needs a range of joint 'a', and a position servo 'a'"),
+        ('<position name="b"', '<motor name="b"', "a position servo 'b'"),
+        ('name="hand"', 'name="flange"', "has no body 'hand'"),
+        ('<joint name="e"', '<joint name="elbow"', "has no joint 'e'"),
+    ],
+)
+def test_an_arm_whose_mjcf_lacks_something_is_refused(removed, put, shown):
+    text = MJCF.replace(removed, put).replace('joint="e"', 'joint="elbow"' if "elbow" in put else 'joint="e"')
+    with pytest.raises(ValueError, match=shown):
+        load(robot=dataclasses.replace(MY_ARM, arm=lambda: mjcf.from_xml_string(text)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "shown"),
+    [
+        ({"servos": {}}, "must have 1 to 7 servos"),
+        ({"servos": {f"{k}": f"{k}" for k in range(8)}}, "must have 1 to 7 servos"),
+        ({"home": {"elbow": 0.0}}, "has no joint 'elbow'"),
+    ],
+)
+def test_a_specification_that_does_not_fit_is_refused(changes, shown):
+    with pytest.raises(ValueError, match=shown):
+        load(robot=dataclasses.replace(MY_ARM, **changes))
+
+
+def test_an_arm_may_begin_with_a_joint():
+    text = MJCF.replace('<body name="base"> <geom fromto="0 0 0 0 0 0.15"/>', "").replace(
+        "</body>\n  </worldbody>", "</worldbody>"
+    )
+    environment, timestep = load(robot=dataclasses.replace(MY_ARM, arm=lambda: mjcf.from_xml_string(text)))
+    assert timestep.observation["my_arm/joint_positions"].shape == (8,)
+    assert np.isfinite(environment.step(np.zeros(7)).observation["my_arm/joint_positions"]).all()
+
+
 def test_every_name_has_an_arm_of_that_name():
     import pkgutil
 
     assert {name: pkgutil.resolve_name(entry_point).name for name, entry_point in ARMS.items()} == {n: n for n in ARMS}
-
-
-def test_the_franka_starts_where_the_reference_does():
-    np.testing.assert_array_equal(Franka(visuals=False).home, INITIAL_QPOS[:9])
 
 
 def test_single_and_vectorised_environments_are_equal():
@@ -108,9 +143,9 @@ def test_a_state_is_restored():
 
 def test_everything_but_the_robots_start_and_gains_varies():
     environment, _ = load(variations=["start", "layout", "dynamics", "sensing", "push"])
-    names = environment.task.variations.by_name
-    assert {"microwave/offset", "pedestal/offset"} <= names.keys()
-    assert not any(name.startswith(("franka/", "my_arm/")) for name in names)
+    franka = suite.load("kitchen", "kettle", {"variations": ["start", "layout", "dynamics", "sensing", "push"]})
+    others = {name for name in franka.task.variations.by_name if not name.startswith("franka/")}
+    assert {*environment.task.variations.by_name} == others
     for _ in range(3):
         environment.reset()
         environment.step(np.zeros(7))

@@ -52,9 +52,12 @@ def test_an_altered_certificate_does_not_hold(certified, tmp_path, capsys):
     altered = {**found.steps, next(iter(found.steps)): None}
     path = tmp_path / "altered.jsonl"
     path.write_bytes(msgspec.json.encode(msgspec.structs.replace(found, steps=altered)) + b"\n")
-    flags = [f"--output={path}", f"--designs={DESIGN}:{DESIGN + 1}", "--num_workers=1", "--check"]
+    flags = [f"--output={path}", f"--designs={DESIGN}:{DESIGN + 2}", "--num_workers=1", "--check"]
     assert certify.main(flags) == 1
-    assert f"kitchen train/{DESIGN} has another certificate now" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert f"kitchen train/{DESIGN} has another certificate now" in out
+    assert f"kitchen train/{DESIGN + 1} has no certificate in the file" in out
+    assert "0 of 2 certificates hold" in out
 
 
 def test_certificates_of_other_designs_are_not_completed(tmp_path, capsys):

@@ -1,5 +1,7 @@
 """Vectors of generated kitchens of several designs: each row is the single environment of its design and seed."""
 
+import threading
+
 import gymnasium
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ DESIGNS, COUNT, SEED, LIMIT = (0, 3, 0, 7), 5, 11, 4
 # All that an episode may hold, in a mode that reads poses of the hand from the physics.
 EVERYTHING = {
     "reward": "dense",
+    "num_slots": 3,
     "tasks_per_episode": (1, 3),
     "control_mode": "ee_delta_pose",
     "variations": {
@@ -107,11 +110,42 @@ def test_every_row_of_sixteen_designs_is_the_single_environment_of_its_design_an
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("mode", AutoresetMode)
-def test_every_row_is_the_single_environment_with_all_that_an_episode_may_hold(mode):
+@pytest.mark.parametrize("threads", [1, 5])
+def test_every_row_is_the_single_environment_with_all_that_an_episode_may_hold(mode, threads):
     settings = {**EVERYTHING, "max_episode_steps": LIMIT}
-    env = many(autoreset_mode=mode, **settings)
+    env = many(autoreset_mode=mode, num_threads=threads, **settings)
     assert [rows.tolist() for rows in batch(env).rows] == [[0, 2, 4], [1], [3]]
     play(env, alone(**settings), mode, 3 * LIMIT)
+
+
+def test_threads_share_the_designs_and_an_error_in_one_of_them_is_raised():
+    joined, both, raised = batch(many(4, range(4), num_threads=2)), threading.Barrier(2, timeout=20), threading.Event()
+    # It would time out if one thread made all calls.
+    joined.call(lambda part, mask: both.wait(), None)
+    called = []
+
+    def fail_in_the_other_thread(part, mask):
+        called.append(part)
+        if threading.current_thread() is not threading.main_thread():
+            raised.set()
+            raise ValueError("in a thread")
+        assert raised.wait(20)
+
+    with pytest.raises(ValueError, match="in a thread"):
+        joined.call(fail_in_the_other_thread, None)
+    assert len(called) == 4
+
+
+def test_after_an_error_no_other_call_begins():
+    joined, called = batch(many(3, range(3))), []
+
+    def fail(part, mask):
+        called.append(part)
+        raise ValueError("at once")
+
+    with pytest.raises(ValueError, match="at once"):
+        joined.call(fail, None)
+    assert called == [joined.batches[0]]
 
 
 def test_one_design_however_often_has_one_batch():

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -23,11 +24,9 @@ SUITE_OBSERVATION = "suite_observation"
 # Format of numbers that servers do not describe.
 _RAW = "raw"
 
-# Renders without a GPU, also where one has a driver: Mesa's library in place of the driver's, on the processor.
-_SOFTWARE = {
-    "LIBGL_ALWAYS_SOFTWARE": "1",
-    "__EGL_VENDOR_LIBRARY_FILENAMES": "/usr/share/glvnd/egl_vendor.d/50_mesa.json",
-}
+# Renders on the processor: Mesa's library in place of a driver's, where it is installed as Debian does.
+_MESA = Path("/usr/share/glvnd/egl_vendor.d/50_mesa.json")
+_SOFTWARE = {"LIBGL_ALWAYS_SOFTWARE": "1", **({"__EGL_VENDOR_LIBRARY_FILENAMES": str(_MESA)} if _MESA.exists() else {})}
 
 
 class KitchenSuiteBenchmark(StepBenchmark):

@@ -38,17 +38,16 @@ class SuitePolicyServer(PredictModelServer):
 
         Args:
           policy: name of a policy as of the suite's commands, such as `random`, `trained`, or
-            `trained(file='policy.npz')`; it must act on observations alone.
+            `trained(file='policy.npz')`.
           **kwargs: of `PredictModelServer`.
 
         Raises:
-          ValueError: the policy does not exist, or reads the physics.
+          ValueError: the policy does not exist, or a person plays it.
         """
         super().__init__(**kwargs)
-        source = policies.POLICIES.get(policy.partition("(")[0])
-        if source is not None and source.extra == "experts":
-            raise ValueError(f"policy {policy!r} reads the physics, which a server does not see: choose another one")
         self._policy_of = policies.find(policy)
+        if policies.player_of(policy):
+            raise ValueError(f"policy {policy!r} is played by a person, which a server cannot ask: choose another one")
         self._policies: dict[str, policies.Policy] = {}
 
     async def on_episode_start(self, config: dict[str, Any], ctx: SessionContext) -> None:

@@ -222,14 +222,13 @@ class KitchenExpert(Expert):
 
     def _plan_task(self, task: str, observation: Array) -> JointTrajectory:
         """Chooses and plans a skill for a task, for the present positions of the joints of its goal."""
-        positions = self._achieved(task, observation)
         frame = self._layout.frame(task, observation[self._parts.size :])
-        skill = self._skill = self._choose_skill(task, observation, frame)
-        position = positions[list(skill.object_joint.elements)] if skill.object_joint else None
+        skill, position = self._choose_skill(task, observation, frame)
+        self._skill = skill
         if frame is not None:
             return self._plan_in_frame(skill, position, frame)
         if self._style.jitter:
-            return self._plan(_seeded(skill, self._robot, position), object_position=position)
+            return self._plan(skill, object_position=position)
         rounded = None if position is None else tuple(position.round(_DECIMALS).tolist())
         return _cached_plan(skill, rounded, self._limits, self._robot)
 
@@ -237,8 +236,7 @@ class KitchenExpert(Expert):
         """Plans a skill in a frame; the hand is turned a little where its poses are out of reach."""
         tried = []
         for turn in _TURNS if self.encoder.turns_hand else _TURNS[:1]:
-            turned = _seeded(skill.turned(turn) if turn else skill, self._robot, position)
-            planned = self._plan(turned, frame=frame, object_position=position)
+            planned = self._plan(skill.turned(turn) if turn else skill, frame=frame, object_position=position)
             if planned.is_reachable and planned.arc_share >= _ENOUGH_OF_ARC:
                 return planned
             tried.append(planned)
@@ -248,16 +246,20 @@ class KitchenExpert(Expert):
         """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
         return observation[self._parts.object_positions][_elements()[task]]
 
-    def _choose_skill(self, task: str, observation: Array, frame: mink.SE3 | None) -> Skill:
+    def _choose_skill(self, task: str, observation: Array, frame: mink.SE3 | None) -> tuple[Skill, Array | None]:
+        """Returns a skill for a task, and the position of its object."""
         turns_hand = self.encoder.turns_hand
         kettle, doors = (self._achieved(name, observation) for name in ("kettle", "hinge cabinet"))
         skill = kitchen_skills.adapted(
             self._skills[task], task, kettle[:3], *doors, shuts_left_door=self._is_strict and turns_hand
         )
-        if frame is None or turns_hand:
-            return skill
-        rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation
-        return skill.with_orientation(HandOrientation.from_rotation(rotation))
+        achieved, joint = self._achieved(task, observation), skill.object_joint
+        position = achieved[list(joint.elements)] if joint else None
+        skill = _seeded(skill, self._robot, position)
+        if frame is not None and not turns_hand:
+            rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation
+            skill = skill.with_orientation(HandOrientation.from_rotation(rotation))
+        return skill, position
 
 
 @functools.lru_cache(maxsize=1024)
@@ -266,7 +268,7 @@ def _cached_plan(
 ) -> JointTrajectory:
     """Trajectory of a skill without jitter; cached, as it is the same in nearly all episodes."""
     position = None if object_position is None else np.array(object_position)
-    return plan(arm_model(robot).kinematics, limits, _seeded(skill, robot, position), object_position=position)
+    return plan(arm_model(robot).kinematics, limits, skill, object_position=position)
 
 
 def _seeded(skill: Skill, robot: str | ArmSpec, position: Array | None) -> Skill:

@@ -31,7 +31,7 @@ from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchens import mdp
-from kitchen_suite.tasks.kitchens.mdp import PARTS, SLOT_PARTS, SLOT_SIZE, Slots, SlotSensors, size
+from kitchen_suite.tasks.kitchens.mdp import PARTS, SLOT_PARTS, SLOT_SIZE, SlotSensors, size
 from kitchen_suite.tasks.kitchens.task import KitchensTask
 
 # Openings at which the expert leaves a part, some noise beyond those that count.
@@ -93,7 +93,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 class Target(NamedTuple):
     """A part, by its index in the design, and whether it is to be open, on, or moved."""
 
-    place: int
+    slot: int
     opens: bool
 
 
@@ -205,7 +205,7 @@ class Motion(NamedTuple):
         orientation = HandOrientation.from_rotation(self.moved_frame.rotation().inverse() @ rotation)
         return self._replace(skill=self.skill.with_orientation(orientation))
 
-    def led(self, kinematics: ArmKinematics) -> Self:
+    def in_reached_posture(self, kinematics: ArmKinematics) -> Self:
         """Returns this motion in the posture to which the arm comes on a straight way from near the robot."""
         end = self.moved_frame @ self.skill.lines[0].pose
         joints = np.array(_aimed(_tuck(_TUCKS[0]), end.translation()))
@@ -245,11 +245,10 @@ class _Kitchen:
         self.parts = tuple(part for _, part in built.parts)
         self.names = built.part_names
         self._physics = physics = mjcf.Physics.from_mjcf_model(built.arena.mjcf_model)
-        self.slots = Slots.of(built, physics)
         self._data = mujoco.MjData(physics.model.ptr)
         sensors = SlotSensors(built)
         sensors.bind(physics)
-        self._columns = sensors.columns
+        self.slots, self._columns = sensors.slots, sensors.columns
         # Geoms of the robot, of hand and fingers, and those that the hand may touch when it moves a part.
         names = [physics.model.id2name(body, "body") for body in physics.model.geom_bodyid]
         self._robot = np.array([name.startswith("franka/") for name in names])
@@ -283,7 +282,7 @@ class _Kitchen:
             for motion in self._candidates(target, opening, encoder):
                 if best is not None and not motion.is_near(kinematics):
                     continue
-                motion = motion if encoder.sets_posture or not turns_hand else motion.led(kinematics)
+                motion = motion if encoder.sets_posture or not turns_hand else motion.in_reached_posture(kinematics)
                 planned = motion.planned(kinematics, limits)
                 badness = planned.position_error + 1.0 - planned.arc_share
                 if best is None or badness < best[0]:
@@ -292,7 +291,7 @@ class _Kitchen:
                 if not planned.is_reachable or planned.arc_share < _ENOUGH_OF_ARC or beyond.any():
                     continue
                 _, touches = self.path(HOME[ARM], planned.knots[0], target, opening, turns_hand)
-                touches += self._touches(list(planned.knots), target, opening, ~self._touchable[target.place])
+                touches += self._touches(list(planned.knots), target, opening, ~self._touchable[target.slot])
                 touches += self._touches([planned.knots[-1]] * 2, target, float(target.opens), self._all & ~self._hand)
                 found.append((touches, motion))
                 if sum(count == 0 for count, _ in found) == _ALTERNATIVES or len(found) == _TRIED:
@@ -325,8 +324,8 @@ class _Kitchen:
         """
         model, data = self._physics.model.ptr, self._data
         data.qpos[:] = model.qpos0
-        if self.parts[target.place].joint is not None:
-            data.qpos[self._columns[target.place]] = self.slots.opened[target.place] * opening
+        if self.parts[target.slot].joint is not None:
+            data.qpos[self._columns[target.slot]] = self.slots.opened[target.slot] * opening
         touches = 0
         for start, end in itertools.pairwise(knots):
             count = max(1, int(np.ceil(np.abs(end - start).max() / _CHECKED)))
@@ -346,7 +345,7 @@ class _Kitchen:
         # Where the mode chooses the posture, only such as it comes to; `led` finds the one where the hand turns.
         count = None if encoder.sets_posture else int(not encoder.turns_hand)
         seeds = (_tuck(_TUCKS[0]), *_SEEDS[:count])
-        part, turns_hand = self.parts[target.place], encoder.turns_hand
+        part, turns_hand = self.parts[target.slot], encoder.turns_hand
         # A hand that cannot turn pushes knobs of stoves as it does those of the oven.
         twin = part.twin if turns_hand or part.kind != "knob" else "top burner"
         motions: Iterator[Motion] = iter(())
@@ -358,19 +357,19 @@ class _Kitchen:
 
     def _own_motions(self, target: Target, opening: float, seeds: _Seeds, turns_hand: bool) -> Iterator[Motion]:
         """Yields motions by the axis and the handle of a part."""
-        position, axis = self.slots.opened[target.place] * opening, self.slots.axis[target.place]
+        position, axis = self.slots.opened[target.slot] * opening, self.slots.axis[target.slot]
         pairs = list(itertools.product(seeds, self._skills(target, float(position), turns_hand)))
         # After the usual ones, those that differ from them in all respects.
         usual = min(_USUAL, len(pairs))
         others = np.random.default_rng(0).permutation(np.arange(usual, len(pairs)))
         for seed, skill in (pairs[i] for i in (*range(usual), *others)):
             moved = np.array([position]) if isinstance(skill.object_joint, Revolute) else axis * position
-            yield Motion.of(skill, mink.SE3.identity(), moved, _aimed(seed, self.slots.position[target.place]))
+            yield Motion.of(skill, mink.SE3.identity(), moved, _aimed(seed, self.slots.position[target.slot]))
 
     def _twins(self, twin: str, target: Target, opening: float, seeds: _Seeds, turns_hand: bool) -> Iterator[Motion]:
         """Yields the skill of the kitchen's task for a part like it, moved to where the part is."""
         reverses = {task: reverse for reverse, task in REVERSES.items()}
-        task, k, part = twin if target.opens else reverses[twin], target.place, self.parts[target.place]
+        task, k, part = (twin if target.opens else reverses[twin], target.slot, self.parts[target.slot])
         skill, handle = (SKILLS if turns_hand else FIXED_SKILLS)[task], _default_handles()[twin]
         into = self.slots.into[k]
         yaw = np.arctan2(-into[0], into[1]) - (_MICROWAVE_YAW if twin == "microwave" else 0.0)
@@ -404,8 +403,8 @@ class _Kitchen:
 
     def _skills(self, target: Target, position: float, turns_hand: bool) -> Iterator[Skill]:
         """Yields skills for a part whose joint is at a position [rad, m], in the world with the part closed."""
-        kind, opened = self.parts[target.place].kind, self.parts[target.place].opened
-        handle = _Handle(*(getattr(self.slots, field)[target.place] for field in _Handle._fields))
+        kind, opened = self.parts[target.slot].kind, self.parts[target.slot].opened
+        handle = _Handle(*(getattr(self.slots, field)[target.slot] for field in _Handle._fields))
         right = np.cross(handle.into, _UP)
         for pitch, yaw in itertools.product(_PITCHES, _YAWS) if turns_hand else [(0.0, 0.0)]:
             about = mink.SO3.from_z_radians(yaw)

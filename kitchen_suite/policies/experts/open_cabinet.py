@@ -135,8 +135,7 @@ class DrawerExpert(Expert):
         handle = self._handle_pose(observation, joints)
         self._is_pulling, self._handle_poses = False, [handle.wxyz_xyz]
         skill = self._skill_at(handle)
-        approach = dataclasses.replace(skill, moves=skill.moves[:1])
-        return self._plan(approach, frame=handle)
+        return self._plan(dataclasses.replace(skill, moves=skill.moves[:1]), frame=handle)
 
     def _skill_at(self, handle: mink.SE3) -> Skill:
         """The skill for a handle's pose in the world."""
