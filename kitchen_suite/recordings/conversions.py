@@ -138,7 +138,7 @@ class RecordingJob:
             raise OSError(f"{where} has actions of {found}, its environment of {space.dtype} of shape {space.shape}")
         if not 0 < len(actions) <= limit:
             raise OSError(f"{where} has {len(actions)} actions, not 1 to {limit}")
-        if not ((space.low <= actions) & (actions <= space.high)).all():
+        if not all(map(space.contains, actions)):
             raise OSError(f"{where} has actions beyond the bounds of its environment")
         buffer = EpisodeBuffer(*reset_to_seed(environment, seed, self._spec.seeding))
         for action in actions:
