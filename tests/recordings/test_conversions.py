@@ -195,8 +195,7 @@ def without_a_column(name, rows):
 
 
 def beyond_bounds(name, rows):
-    """Moves what the environment clips to a bound further away, which changes nothing else."""
-    return np.where(np.abs(rows) >= 1.0, 7 * rows, rows) if name.startswith("action") else rows
+    return rows * 7 if name.startswith("action") else rows
 
 
 def without_a_row(name, rows):
@@ -231,6 +230,19 @@ def test_changed_datasets_are_refused_in_one_line(make, run, refusal, name):
             changed(path, change)
             assert path in refusal(convert, path, "--output=back", status=1)
     assert not Path("back").exists()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", FILES)
+def test_actions_that_the_environment_would_clip_are_refused(make, run, refusal, monkeypatch, name):
+    text = "import numpy as np\n\n\ndef act(timestep):\n    return np.ones(9)\n"
+    Path("greatest.py").write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(Path.cwd())
+    make(*SHORT, "--policy=greatest:act", count=2)
+    assert run(convert, *to_dataset(name))[0] == 0
+    changed(f"data/me/{FILES[name]}", beyond_bounds)
+    message = refusal(convert, f"data/me/{FILES[name]}", "--output=back", status=1)
+    assert "actions beyond the bounds" in message
 
 
 DAMAGED_RECORDS = {
