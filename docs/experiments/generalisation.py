@@ -131,7 +131,9 @@ def draw(rows: Sequence[dict[str, Any]]) -> None:
         success = np.array([row[name]["success"] for row in rows])
         errors = np.abs(np.array([row[name]["interval"] for row in rows]).T - success)
         axes.errorbar(counts, success, errors, marker="o", capsize=3, label=label)
-    axes.set(xscale="log", xlabel="kitchens trained in", ylabel="success", ylim=(0, 1))
+    axes.set(xscale="log", xlabel="kitchens trained in", ylabel="success", ylim=(0, 1.03))
+    axes.set_xticks(counts, counts)
+    axes.minorticks_off()
     axes.legend()
     figure.savefig(PICTURE)
 
