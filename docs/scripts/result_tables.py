@@ -883,6 +883,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "fast_policies": fast_policies_table,
     "fast_parting": fast_parting_table,
     "fast_random": fast_random_table,
+    "kitchen_rendering_card": functools.partial(benchmark_table, "kitchen_rendering_card"),
     **{
         f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")
         for domain, record in suite.DOMAINS.items()

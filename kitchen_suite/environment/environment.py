@@ -61,6 +61,14 @@ class Physics(mjcf.Physics):
         if self._contexts:
             self._free_rendering_contexts()
 
+    def leave_context(self) -> None:
+        if self._contexts:
+            # Otherwise dm_control would free it when the process ends.
+            self._contexts.gl._render_executor._terminated = True  # noqa: SLF001
+            gl.keep_forever(self._contexts)
+            self._contexts = None
+            self._cameras.clear()
+
     def _make_rendering_contexts(self) -> None:
         with gl.making_dm_control_context(self):
             super()._make_rendering_contexts()

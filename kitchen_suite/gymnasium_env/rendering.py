@@ -91,6 +91,10 @@ class _MujocoRenderer(mujoco_rendering.MujocoRenderer):
     def free_context(self) -> None:
         self.close()
 
+    def leave_context(self) -> None:
+        gl.keep_forever(self._viewers)
+        self._viewers = {}
+
     def close(self) -> None:
         # MuJoCo's own objects first, in their own context: freed later, they would be those of another one.
         for viewer in self._viewers.values():

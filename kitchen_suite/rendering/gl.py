@@ -37,6 +37,9 @@ class ContextOwner(Protocol):
     def free_context(self) -> None:
         """Frees the GL context."""
 
+    def leave_context(self) -> None:
+        """Forgets the GL context, without a GL call, in a process that was forked."""
+
 
 def prepare(*, rendering: bool | None) -> None:
     """Imports dm_control for a command. If images will be rendered, a GL library is tried and chosen before.
@@ -100,7 +103,7 @@ def making_context(owner: ContextOwner) -> Iterator[None]:
     except (TypeError, ValueError):  # A bad argument.
         raise
     except Exception as error:
-        raise RuntimeError(_advice(library)) from error
+        raise RuntimeError(_after_fork("loaded it") if _parents else _advice(library)) from error
     _owners.add(owner)
     # Functions registered last are called first, and making a context may have registered the end of the display.
     atexit.unregister(_free_contexts)
@@ -141,11 +144,14 @@ def rendering(owner: ContextOwner) -> Iterator[None]:
 def _check_process() -> None:
     """Raises a RuntimeError if a process from which this one was forked has rendered: a GL call would never return."""
     if _processes - {os.getpid()}:
-        raise RuntimeError(
-            "nothing can be rendered here: threads of the GL library do not survive a fork, and the process that this "
-            "one was forked from has rendered; start processes with the method 'spawn' or 'forkserver', or before the "
-            "first picture"
-        )
+        raise RuntimeError(_after_fork("rendered"))
+
+
+def _after_fork(done: str) -> str:
+    return (
+        "nothing can be rendered here: threads of the GL library do not survive a fork, and the process that this one "
+        f"was forked from has {done}; start processes with the method 'spawn' or 'forkserver'"
+    )
 
 
 _owners: weakref.WeakSet[ContextOwner] = weakref.WeakSet()
@@ -156,6 +162,10 @@ _threads: weakref.WeakKeyDictionary[ContextOwner, threading.Thread] = weakref.We
 # Numbers of the processes that have made GL contexts: of this one, and of those that it was forked from.
 _processes: set[int] = set()
 
+# Numbers of the processes that this one was forked from after they had loaded a GL library. Some drivers render in no
+# process after that, others in the one that renders first.
+_parents: set[int] = set()
+
 
 def _free_contexts() -> None:
     for owner in tuple(_owners):
@@ -163,10 +173,19 @@ def _free_contexts() -> None:
 
 
 def _leave_contexts() -> None:
-    """Lets a forked process exit without ending the display of its parent, a GL call which would never return."""
+    """Lets a forked process close environments and exit without GL calls on what it inherited: some never return."""
+    if _DM_CONTROL_RENDERER in sys.modules:
+        _parents.add(os.getppid())
+    for owner in tuple(_owners):
+        owner.leave_context()
     atexit.unregister(_free_contexts)
     if egl := sys.modules.get("OpenGL.EGL"):
         atexit.unregister(egl.eglTerminate)
+
+
+def keep_forever(inherited: object) -> None:
+    """Prevents that an object is destroyed, also when the interpreter ends, where module globals are."""
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(inherited))
 
 
 if hasattr(os, "register_at_fork"):

@@ -139,7 +139,8 @@ def test_the_workspace_camera_shows_the_change_that_each_task_is_about(environme
     changed = np.abs(picture(GOALS[goal].value) - picture(start)).max(axis=-1) > 32
     with physics.reset_context():
         physics.set_state(state)
-    assert changed.sum() > 12
+    # With different GL libraries 12 to 13 pixels of the smallest knob.
+    assert changed.sum() > 8
 
 
 @pytest.mark.parametrize(
