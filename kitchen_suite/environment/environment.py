@@ -66,7 +66,7 @@ class Physics(mjcf.Physics):
             # Otherwise dm_control would free it when the process ends.
             self._contexts.gl._render_executor._terminated = True  # noqa: SLF001
             gl.keep_forever(self._contexts)
-            self._contexts = None
+            self._contexts: Any = None
             self._cameras.clear()
 
     def _make_rendering_contexts(self) -> None:
