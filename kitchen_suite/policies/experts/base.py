@@ -12,8 +12,9 @@ from dm_control import composer
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.policies.experts.encoders import ActionEncoder
-from kitchen_suite.policies.experts.skills import Array, Skill
+from kitchen_suite.policies.experts.skills import Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks.mdp import ActionMode
 

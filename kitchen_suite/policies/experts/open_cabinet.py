@@ -11,12 +11,12 @@ import numpy as np
 
 from kitchen_suite import checks
 from kitchen_suite.entities import PANDA, OpenCabinetArena, SiteArena
-from kitchen_suite.entities.assets import Vector
+from kitchen_suite.entities.assets import Array, Vector
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
-from kitchen_suite.policies.experts.skills import CLOSED, OPEN, Array, HandOrientation, Move, Skill
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
