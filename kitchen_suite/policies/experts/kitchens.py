@@ -111,15 +111,7 @@ class PartExpert(Expert):
         control_mode: str = "joint_velocity",
         **control_options: Any,
     ) -> None:
-        """Builds an expert for a kitchen.
-
-        Args:
-          design: of the kitchen.
-          num_slots: number of slots that are observed.
-          style: speed, noise and jitter of the motions.
-          control_mode: the environment's.
-          **control_options: arguments of the control mode: the environment's.
-        """
+        """Builds an expert for a kitchen of which `num_slots` slots are observed; others as of every `Expert`."""
         self._kitchen, self.observation_size = _kitchen(design), size(num_slots)
         super().__init__(style, make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model()))
 

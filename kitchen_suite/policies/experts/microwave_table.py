@@ -58,13 +58,7 @@ class MicrowaveExpert(Expert):
     def __init__(
         self, *, style: MotionStyle | None = None, control_mode: str = "joint_offset", **control_options: Any
     ) -> None:
-        """Builds the expert.
-
-        Args:
-          style: speed, noise and jitter of the motions.
-          control_mode: the environment's.
-          **control_options: arguments of the control mode: the environment's.
-        """
+        """Builds the expert; arguments as of every `Expert`."""
         mode = make_mode(control_mode, CONTROL_MODES, control_options)
         super().__init__(style, make_encoder(mode, panda_model(MicrowaveTableArena)))
 

@@ -79,14 +79,7 @@ class DrawerExpert(Expert):
         control_mode: str = "joint_offset",
         **control_options: Any,
     ) -> None:
-        """Builds an expert for a drawer.
-
-        Args:
-          drawer: `top` or `bottom`.
-          style: speed, noise and jitter of the motions.
-          control_mode: the environment's.
-          **control_options: arguments of the control mode: the environment's.
-        """
+        """Builds an expert for a drawer, `top` or `bottom`; other arguments as of every `Expert`."""
         self._skill = _pull_skill(checks.choice(drawer, DRAWERS, "drawer"))
         mode = make_mode(control_mode, OFFSET_MODES, control_options)
         super().__init__(style, make_encoder(mode, panda_model(OpenCabinetArena)))
