@@ -7,7 +7,9 @@ downloaded. The folder is found without importing the package, which would regis
 import importlib.util
 from pathlib import Path
 
+import numpy as np
 from dm_control import composer, mjcf
+from numpy.typing import NDArray
 
 from kitchen_suite.entities.parameters import Parameter
 
@@ -20,6 +22,9 @@ VISUAL_BODY = "_visuals"  # Ending of the names of bodies that hold only visual 
 
 # Three numbers along x, y and z.
 Vector = tuple[float, float, float]
+
+# Numbers of a shape that docstrings name.
+Array = NDArray[np.float64]
 
 
 class NamedEntity(composer.Entity):

@@ -10,6 +10,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import ClassVar
 
 import kitchen_suite
 from kitchen_suite import checks, files, suite
@@ -20,7 +21,7 @@ from kitchen_suite.rendering import gl
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout import PolicyController, VectorRollout
 from kitchen_suite.rollouts.spec import EnvironmentSpec
-from kitchen_suite.settings import DoctorSettings
+from kitchen_suite.settings import FAILURE, DoctorSettings
 from kitchen_suite.vector_env.base import processors
 from kitchen_suite.versions import PACKAGES, processor
 
@@ -45,13 +46,10 @@ def circumstances() -> dict[str, str]:
 def digests() -> Iterator[tuple[str, str]]:
     """Yields domain and physics, such as `kitchen fast`, and the digest of some episodes of random actions there."""
     for domain in suite.DOMAINS:
-        for physics in (EXACT, FAST) if _has_fast_physics(domain) else (EXACT,):
+        with contextlib.closing(_environments(domain, EXACT).make_environment()) as environment:
+            fast = suite_env(environment).composer_task.scene.arena.fast_physics
+        for physics in (EXACT, FAST) if fast else (EXACT,):
             yield f"{domain} {physics}", _digest(domain, physics)
-
-
-def _has_fast_physics(domain: str) -> bool:
-    with contextlib.closing(_environments(domain, EXACT).make_environment()) as environment:
-        return suite_env(environment).composer_task.scene.arena.fast_physics is not None
 
 
 def _environments(domain: str, physics: str) -> EnvironmentSpec:
@@ -81,8 +79,7 @@ def expected(here: Mapping[str, str]) -> dict[str, str]:
 class DoctorJob:
     """Prints a fact a line."""
 
-    failures = (OSError,)
-    usage_errors = ()
+    errors: ClassVar = {OSError: FAILURE}
 
     def __init__(self, settings: DoctorSettings) -> None:
         """Needs nothing."""

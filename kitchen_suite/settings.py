@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 WIDTH = 100  # Characters in a line that a command prints.
 
+# Exit statuses of the commands.
+SUCCESS, FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
+
 # Beginning of the names of the observation types with pictures; a GL library is chosen before these can be imported.
 PICTURES_PREFIX = "pixels"
 

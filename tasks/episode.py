@@ -12,6 +12,7 @@ import numpy as np
 import tree
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter, task_parameter
 from kitchen_suite.tasks.mdp import MDP, Simulation
 from kitchen_suite.tasks.pushes import Push, Pusher
@@ -34,14 +35,12 @@ class Sensing(NamedTuple):
       target: `(..., 9)`, targets of the last control step; before the first, the positions at the reset [rad, m].
     """
 
-    noise: NDArray[np.float64]
+    noise: Array
     delay: NDArray[np.bool_]
-    target: NDArray[np.float64]
+    target: Array
 
     @classmethod
-    def start(
-        cls, values: Mapping[str, NDArray[np.float64]], mdp: MDP, positions: NDArray[np.float64]
-    ) -> "Sensing | None":
+    def start(cls, values: Mapping[str, Array], mdp: MDP, positions: Array) -> "Sensing | None":
         """Returns the sensing at the start of an episode; None if it does not vary.
 
         Args:
@@ -75,10 +74,10 @@ class EpisodeState(NamedTuple):
     sensing: Sensing | None = None
     push: Push | None = None
     variation: Mapping[str, Any] = {}
-    action: NDArray[np.float64] | None = None
-    target: NDArray[np.float64] | None = None
+    action: Array | None = None
+    target: Array | None = None
 
-    def scaled(self, draws: NDArray[np.float64]) -> NDArray[np.float64]:
+    def scaled(self, draws: Array) -> Array:
         """Returns the draws `(..., k)` of the observation noise, scaled by the variation of sensing."""
         return draws if self.sensing is None else draws * self.sensing.noise
 
@@ -131,9 +130,7 @@ class Stepper:
     simulation: Simulation
     pusher: Pusher
 
-    def act(
-        self, state: EpisodeState, action: NDArray[np.float64], draw: NDArray[np.float64] | float
-    ) -> tuple[EpisodeState, NDArray[np.float64]]:
+    def act(self, state: EpisodeState, action: Array, draw: Array | float) -> tuple[EpisodeState, Array]:
         """Returns the state with an action, and the controls `(..., 9)` of the actuators that follow [rad, m].
 
         Args:
@@ -153,7 +150,7 @@ class Stepper:
         # `_replace` takes twice as long, here and below.
         return EpisodeState(state.mdp_state, command, sensing, push, state.variation, action, target), ctrl
 
-    def observe(self, state: EpisodeState, reading: Any, draws: NDArray[np.float64]) -> EpisodeState:
+    def observe(self, state: EpisodeState, reading: Any, draws: Array) -> EpisodeState:
         """Returns the state after the physics of the control step.
 
         Args:

@@ -19,12 +19,13 @@ from dm_env import specs
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet
 
-RewardTerm = Callable[[Any, NDArray[np.float64], Any], NDArray[np.float64]]
+RewardTerm = Callable[[Any, Array, Any], Array]
 """A term of a reward: takes the MDP's state before a control step, the action `(..., k)`, and the state after it, and
 returns `(...)`."""
 
@@ -37,7 +38,7 @@ State = TypeVar("State", bound=tuple)
 MEDIAN = 0.5  # Draw of an action mode that draws nothing: the median of U(0, 1).
 
 
-def total(terms: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+def total(terms: Mapping[str, Array]) -> Array:
     """Returns the reward `(...)`, the sum of its terms."""
     return functools.reduce(operator.add, terms.values())
 
@@ -45,7 +46,7 @@ def total(terms: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
 class Simulation(Protocol):
     """Access to the fields of MuJoCo's data; arrays have a leading axis for each of many simulations."""
 
-    def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
+    def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> Array:
         """Returns columns `(..., k)` of a field: a copy, except for a slice, which is a live view.
 
         Of a field of vectors, such as `xpos`, `(..., k, 3)`.
@@ -56,7 +57,7 @@ class Simulation(Protocol):
           order: memory order of a copy; `F` is faster where it is computed with column by column.
         """
 
-    def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
+    def write(self, field: str, columns: Columns, values: Array) -> None:
         """Sets columns `(..., k)` of a field."""
 
     def evaluate(self) -> None:
@@ -75,10 +76,10 @@ class PhysicsSimulation:
     def __init__(self, physics: mjcf.Physics) -> None:
         self._model, self._data = physics.model.ptr, physics.data.ptr
 
-    def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
+    def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> Array:
         return getattr(self._data, field)[columns]
 
-    def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
+    def write(self, field: str, columns: Columns, values: Array) -> None:
         getattr(self._data, field)[columns] = values
 
     def evaluate(self) -> None:
@@ -90,21 +91,21 @@ class BatchSimulation:
 
     def __init__(self, batch: Batch) -> None:
         self._batch = batch
-        self._fields: dict[str, NDArray[np.float64]] = {}
+        self._fields: dict[str, Array] = {}
 
-    def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
+    def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> Array:
         values = self._field(field)
         if isinstance(columns, slice):
             return values[:, columns]
         return values.take(columns, axis=1) if order == "C" else values.T.take(columns, axis=0).T
 
-    def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
+    def write(self, field: str, columns: Columns, values: Array) -> None:
         self._field(field)[:, columns] = values
 
     def evaluate(self) -> None:
         """Does nothing: a batch evaluates everything in its step."""
 
-    def _field(self, name: str) -> NDArray[np.float64]:
+    def _field(self, name: str) -> Array:
         """A field `(n, ...)` over all simulations; a live view."""
         if name not in self._fields:
             self._fields[name] = self._batch.bind(name)
@@ -180,7 +181,7 @@ class FeatureSensors:
         mujoco.mj_sensorPos(model, data)
         mujoco.mj_sensorVel(model, data)
 
-    def read(self, simulation: Simulation) -> NDArray[np.float64]:
+    def read(self, simulation: Simulation) -> Array:
         """Returns the present features' values `(..., k)`; the sensors must be up to date (see `refresh`)."""
         # MDPs compute with columns.
         return simulation.read("sensordata", self.columns, order="F")
@@ -214,7 +215,7 @@ class SceneIndices:
         self.goal_qpos = np.concatenate(goal_qpos)
         self.ctrl = physics.bind(scene.robot.actuators).element_id
 
-    def write(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
+    def write(self, physics: mjcf.Physics, observation: Array) -> None:
         """Sets qpos and qvel to those of an observation: positions and velocities of robot, then of objects."""
         qpos, qvel, start = physics.data.qpos, physics.data.qvel, 0
         parts = (qpos, self.robot_qpos), (qvel, self.robot_qvel), (qpos, self.object_qpos), (qvel, self.object_qvel)
@@ -257,10 +258,10 @@ class ActionMode(abc.ABC):
     def bind(self, physics: mjcf.Physics, robot: Robot, timestep: float) -> None:  # noqa: B027
         """Looks up what control reads of a robot in a compiled scene; `timestep` is the control step's [s]."""
 
-    def check(self, action: NDArray[np.float64]) -> None:  # noqa: B027
+    def check(self, action: Array) -> None:  # noqa: B027
         """Raises a ValueError if one of finite actions `(..., k)` has no meaning; most modes accept all."""
 
-    def conversion(self, mode: str) -> Callable[[NDArray, NDArray], NDArray[np.float64]] | None:
+    def conversion(self, mode: str) -> Callable[[NDArray, NDArray], Array] | None:
         """Returns how actions of another control mode, with its defaults, become actions of this one.
 
         A function of the observed state `(n,)` and the other mode's action, with the same targets of the robot's
@@ -274,13 +275,8 @@ class ActionMode(abc.ABC):
 
     @abc.abstractmethod
     def control(
-        self,
-        simulation: Simulation,
-        state: Any,
-        command: Any,
-        action: NDArray[np.float64],
-        draw: NDArray[np.float64] | float,
-    ) -> tuple[NDArray[np.float64], Any]:
+        self, simulation: Simulation, state: Any, command: Any, action: Array, draw: Array | float
+    ) -> tuple[Array, Any]:
         """Returns targets of the robot's actuators, and the command for the next control step.
 
         Args:
@@ -330,13 +326,13 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """Parts of these numbers that variations can scale, by name."""
         return {"noise": slice(self.noise_draws)} if self.noise_draws else {}
 
-    def draw_noise(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
+    def draw_noise(self, random_state: np.random.RandomState) -> Array:
         """Returns draws `(noise_draws,)` from U(-1, 1)."""
         size = self.noise_draws
         return random_state.uniform(-1.0, 1.0, size) if size else np.zeros(0)
 
     @abc.abstractmethod
-    def initial_state(self, reading: Reading, draws: NDArray[np.float64]) -> State:
+    def initial_state(self, reading: Reading, draws: Array) -> State:
         """Returns the state before the first step.
 
         Args:
@@ -345,15 +341,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """
 
     @abc.abstractmethod
-    def step(
-        self,
-        state: State,
-        *,
-        action: NDArray[np.float64],
-        target: NDArray[np.float64],
-        reading: Reading,
-        draws: NDArray[np.float64],
-    ) -> State:
+    def step(self, state: State, *, action: Array, target: Array, reading: Reading, draws: Array) -> State:
         """Returns the state after one more control step.
 
         Args:
@@ -368,15 +356,15 @@ class MDP(abc.ABC, Generic[Reading, State]):
     def observation(self, simulation: Simulation, state: State) -> NDArray:
         """Returns the flat observation `(..., m)` without goals, with its noise."""
 
-    def reward_terms(self, before: State, action: NDArray[np.float64], after: Any) -> dict[str, NDArray[np.float64]]:
+    def reward_terms(self, before: State, action: Array, after: Any) -> dict[str, Array]:
         """Returns the terms `(...)` of a step's reward by name; arguments as of `RewardTerm`."""
         return {name: term(before, action, after) for name, term in self.rewards.items()}
 
-    def no_reward(self, axes: tuple[int, ...]) -> dict[str, NDArray[np.float64]]:
+    def no_reward(self, axes: tuple[int, ...]) -> dict[str, Array]:
         """Returns the terms before the first step: zeros of the shape `axes`."""
         return {name: np.zeros(axes) for name in self.rewards}
 
-    def reward(self, state: State) -> NDArray[np.float64]:
+    def reward(self, state: State) -> Array:
         """Returns the reward `(...)` of the last step: the sum of the terms that the state holds."""
         return total(state.terms)  # type: ignore[attr-defined]
 

@@ -13,6 +13,7 @@ from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.mdp import FeatureSensors, PhysicsSimulation, Simulation
 
@@ -37,7 +38,7 @@ class ExtraObservable:
     sensors: tuple[tuple[str, mjcf.Element], ...]
     of_robot: bool = False
     of_layout: bool = False
-    combine: Callable[[NDArray[np.float64]], NDArray[np.float64]] = lambda values: values
+    combine: Callable[[Array], Array] = lambda values: values
 
 
 def offered(scene: Scene) -> dict[str, ExtraObservable]:
@@ -153,7 +154,7 @@ class ExtraObservables:
         self._simulation = PhysicsSimulation(physics)
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Array:
         """Present values `(size,)` in the scene that it is bound to."""
         return self.read(self._simulation)
 
@@ -161,12 +162,12 @@ class ExtraObservables:
         """Evaluates a single physics up to `stage`."""
         self._sensors.refresh(physics)
 
-    def read(self, simulation: Simulation) -> NDArray[np.float64]:
+    def read(self, simulation: Simulation) -> Array:
         """Returns the present values `(..., size)`, in a fresh array; the sensors must be up to date."""
         values = self._sensors.read(simulation)
         return np.concatenate([self._part(name, values) for name in self._wanted], axis=-1)
 
-    def _part(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _part(self, name: str, values: Array) -> Array:
         """Returns the elements `(..., k)` of one quantity from the values of all sensors."""
         indices = [self._sensors.indices[f"{name} {i}"] for i in range(len(self._wanted[name].sensors))]
         return self._wanted[name].combine(values[..., indices[0].start : indices[-1].stop])
@@ -274,7 +275,7 @@ class Pictures:
 
 
 @contextlib.contextmanager
-def shown_at(physics: mjcf.Physics, columns: NDArray[np.int64], positions: NDArray[np.float64]) -> Iterator[None]:
+def shown_at(physics: mjcf.Physics, columns: NDArray[np.int64], positions: Array) -> Iterator[None]:
     """Shows a physics with other positions; afterwards it is as before.
 
     Args:

@@ -11,6 +11,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.parameters import task_parameter
 from kitchen_suite.entities.scenes import Scene
@@ -58,11 +59,11 @@ class Push(NamedTuple):
     """
 
     steps: NDArray[np.int64]
-    due: NDArray[np.float64]
+    due: Array
     undoes: NDArray[np.bool_]
-    which: NDArray[np.float64]
-    offsets: NDArray[np.float64]
-    start: NDArray[np.float64]
+    which: Array
+    offsets: Array
+    start: Array
 
 
 class _Joints(NamedTuple):
@@ -71,7 +72,7 @@ class _Joints(NamedTuple):
     qpos: NDArray[np.int64]
     qvel: NDArray[np.int64]
 
-    def move(self, simulation: Simulation, where: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:
+    def move(self, simulation: Simulation, where: NDArray[np.bool_], positions: Array) -> None:
         """Sets positions `(..., k)`, at rest, where a mask `(...)` is True."""
         for field, columns, values in (("qpos", self.qpos, positions), ("qvel", self.qvel, 0.0)):
             present = simulation.read(field, columns)
@@ -91,8 +92,8 @@ class Pusher:
     """
 
     arm: _Joints
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+    low: Array
+    high: Array
     tasks: Sequence[_Joints]
     complete: Callable[[Any], NDArray[np.bool_]]
 
@@ -104,7 +105,7 @@ class Pusher:
         tasks = [_Joints(*addresses(physics, joints)) for joints in mdp.task_joints(scene)]
         return cls(_Joints(*addresses(physics, arm)), low, high, tasks, mdp.complete)
 
-    def start(self, values: Mapping[str, NDArray[np.float64]], simulation: Simulation) -> Push | None:
+    def start(self, values: Mapping[str, Array], simulation: Simulation) -> Push | None:
         """Returns the push of an episode that starts with values of parameters; None if none of its own varies."""
         own = {parameter.name: values.get(parameter.name, np.zeros(parameter.type.shape)) for parameter in PARAMETERS}
         if own.keys().isdisjoint(values):

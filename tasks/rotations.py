@@ -1,7 +1,8 @@
 """Vectors, and rotations as quaternions w, x, y, z and as rotation vectors [rad], with any leading axes `(...)`."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from kitchen_suite.entities.assets import Array
 
 # Below this angle [rad] a rotation vector is twice the vector part of its quaternion.
 _SMALL = 1e-9
@@ -12,23 +13,23 @@ _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 _NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]
 
 
-def squared_length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def squared_length(vectors: Array) -> Array:
     """Returns the squared lengths `(...)` of vectors `(..., k)`."""
     # In C order, a row has the same sum alone and among many.
     return np.add.reduce(np.square(vectors, order="C"), axis=-1)
 
 
-def length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def length(vectors: Array) -> Array:
     """Returns the lengths `(..., 1)` of vectors `(..., k)`."""
     return np.sqrt(squared_length(vectors))[..., np.newaxis]
 
 
-def within(vectors: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
+def within(vectors: Array, limit: float) -> Array:
     """Returns vectors `(..., k)`, shortened to the length `limit` where they are longer."""
     return vectors * (limit / np.maximum(length(vectors), limit))
 
 
-def quaternion(rotation_vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def quaternion(rotation_vector: Array) -> Array:
     """Returns the unit quaternions `(..., 4)` of rotation vectors `(..., 3)`."""
     angle = length(rotation_vector)
     # sin(a / 2) / a, 1/2 at a = 0.
@@ -36,7 +37,7 @@ def quaternion(rotation_vector: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([np.cos(angle / 2.0), rotation_vector * scale], axis=-1)
 
 
-def rotation_vector(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotation_vector(quaternion: Array) -> Array:
     """Returns the rotation vectors `(..., 3)`, with angles of at most pi, of unit quaternions `(..., 4)`."""
     # q and -q are the same rotation; the one with w >= 0 has an angle of at most pi.
     nearer = quaternion * np.copysign(1.0, quaternion[..., :1])
@@ -45,7 +46,7 @@ def rotation_vector(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     return nearer[..., 1:] * np.where(sine > _SMALL, angle / np.maximum(sine, _SMALL), 2.0)
 
 
-def product(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+def product(first: Array, second: Array) -> Array:
     """Returns the rotations `(..., 4)` by `second`, then by `first`."""
     # Element by element: the matrix products of dm_control's `quat_mul` round differently for one and for many.
     w, x, y, z = (first[..., i] for i in range(4))
@@ -59,23 +60,23 @@ def product(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[
     return np.stack(parts, axis=-1)
 
 
-def difference(target: NDArray[np.float64], present: NDArray[np.float64]) -> NDArray[np.float64]:
+def difference(target: Array, present: Array) -> Array:
     """Returns the rotation vectors `(..., 3)`, about the world's axes, from one orientation to another."""
     return rotation_vector(product(target, inverse(present)))
 
 
-def rotated(quaternion: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotated(quaternion: Array, vectors: Array) -> Array:
     """Returns vectors `(..., 3)` rotated by unit quaternions `(..., 4)`."""
     scalar, axis = quaternion[..., :1], quaternion[..., 1:]
     normal = 2.0 * cross(axis, vectors)
     return vectors + scalar * normal + cross(axis, normal)
 
 
-def inverse(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+def inverse(quaternion: Array) -> Array:
     """Returns the inverse rotations `(..., 4)` of unit quaternions."""
     return quaternion * _CONJUGATE
 
 
-def cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross(one: Array, other: Array) -> Array:
     """Returns the cross products `(..., 3)` of vectors: the bits of `numpy.cross`, several times as fast."""
     return one[..., _NEXT] * other[..., _AFTER_NEXT] - one[..., _AFTER_NEXT] * other[..., _NEXT]

@@ -16,6 +16,7 @@ from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper, sensing_parameters
@@ -84,7 +85,7 @@ class PolicyInputs:
             arrays += value.values() if isinstance(value, Mapping) else [np.atleast_1d(value)]
         return np.concatenate([array for array in arrays if array.ndim < PICTURE_AXES], axis=-1)
 
-    def state_and_requests(self, observation: NDArray | Mapping[str, Any], tasks: Sequence[str]) -> NDArray[np.float64]:
+    def state_and_requests(self, observation: NDArray | Mapping[str, Any], tasks: Sequence[str]) -> Array:
         """Returns the inputs `(..., n)` of a policy without goals: the state, and 1 for each requested task.
 
         Args:
@@ -97,7 +98,7 @@ class PolicyInputs:
         requested = {name: requests[..., i : i + 1] for i, name in enumerate(self.tasks)}
         return np.concatenate([flat[..., : self.state_size], *(requested.get(name, none) for name in tasks)], axis=-1)
 
-    def wanted(self, observation: NDArray | Mapping[str, Any]) -> NDArray[np.float64]:
+    def wanted(self, observation: NDArray | Mapping[str, Any]) -> Array:
         """Returns the `goal_elements` `(..., g)` of the last goal state in an observation, as `flatten` takes it."""
         assert self.goal_place is not None, "goal states are observed"
         return self.flatten(observation)[..., self.goal_place : self.goal_place + len(self.goal_elements)]
@@ -347,7 +348,7 @@ class SuiteTask(composer.Task):
         zeros = {name: np.zeros_like(getattr(self.state, name)) for name in self.mdp.persistent}
         self.episode = self.episode._replace(mdp_state=self.state._replace(**zeros))
 
-    def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
+    def restore(self, physics: mjcf.Physics, observation: Array) -> None:
         """Moves robot and objects to the positions and velocities of a recorded observation.
 
         The caller updates what MuJoCo derives from these, as `Environment.set_state` does. Raises a ValueError if the
@@ -355,11 +356,11 @@ class SuiteTask(composer.Task):
         """
         raise ValueError(f"an episode of {type(self).__name__} can be repeated only from its seed, which is missing")
 
-    def set_observed_positions(self, observation: NDArray[np.float64]) -> None:
+    def set_observed_positions(self, observation: Array) -> None:
         """Makes the next action start from the robot's positions in a recorded observation; raises as `restore`."""
         raise ValueError(f"an episode of {type(self).__name__} can be repeated only from its seed, which is missing")
 
-    def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
+    def is_initial(self, physics: mjcf.Physics, observation: Array) -> bool:
         """Whether a recorded observation is one of the present physics state, up to noise and rounding."""
         return True
 
@@ -378,7 +379,7 @@ class SuiteTask(composer.Task):
         self.variations.restore(values, int(state.get("layout_refusals", 0)))
         self.episode = self.episode.with_memory(state)._replace(variation=self.variations.info)
 
-    def _values_in(self, state: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+    def _values_in(self, state: Mapping[str, Any]) -> dict[str, Array]:
         """Returns the values of all parameters in a state that `get_state` returned."""
         return dict(state.get("variation_values", {}))
 
@@ -394,7 +395,7 @@ class SuiteTask(composer.Task):
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         """Moves robot and objects to the start of an episode, before variations are drawn."""
 
-    def initial_state(self, draws: NDArray[np.float64]) -> Any:
+    def initial_state(self, draws: Array) -> Any:
         """Returns the MDP's state before the first step; `draws` as in `MDP.initial_state`."""
         return self.mdp.initial_state(self.mdp.sensors.read(self._simulation), draws)
 
@@ -429,7 +430,7 @@ class SuiteTask(composer.Task):
         self.variations.draw(physics, random_state)
         self._start(physics, self.mdp.draw_noise(random_state))
 
-    def checked_action(self, action: ArrayLike) -> NDArray[np.float64]:
+    def checked_action(self, action: ArrayLike) -> Array:
         """Returns an action as a fresh float64 array.
 
         Raises:
@@ -469,7 +470,7 @@ class SuiteTask(composer.Task):
     def get_discount(self, physics: mjcf.Physics) -> float:
         return 0.0 if self._terminates else 1.0
 
-    def _start(self, physics: mjcf.Physics, draws: NDArray[np.float64]) -> None:
+    def _start(self, physics: mjcf.Physics, draws: Array) -> None:
         """Sets the state before the first step; `draws` as in `MDP.initial_state`."""
         mdp, before = self.mdp, self.episode.mdp_state
         mdp.sensors.refresh(physics)
@@ -520,7 +521,7 @@ class OpeningTask(SuiteTask):
             f"{self.opened}_opening": float(self.progress_in(infos)),
         }
 
-    def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.float64]:
+    def progress_in(self, infos: Mapping[str, Any]) -> Array:
         """Returns how far the drawer or door is open [m, or as a share]."""
         return infos[f"{self.opened}_opening"]
 

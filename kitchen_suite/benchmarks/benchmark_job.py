@@ -6,14 +6,14 @@ import json
 import platform
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from kitchen_suite import checks, suite
 from kitchen_suite.benchmarks import rendering
 from kitchen_suite.benchmarks.cases import BenchmarkDomain
 from kitchen_suite.benchmarks.measurements import measure_rates, named_ratios, overhead, scaling, soak, summarize
 from kitchen_suite.rollouts.report import table
-from kitchen_suite.settings import BenchmarkSettings
+from kitchen_suite.settings import FAILURE, BenchmarkSettings
 from kitchen_suite.versions import installed_versions
 
 # Header and rows.
@@ -23,8 +23,7 @@ Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 class BenchmarkJob:
     """A measurement, printed as tables or as JSON."""
 
-    failures: tuple[type[Exception], ...] = (OSError, concurrent.futures.BrokenExecutor)
-    usage_errors: tuple[type[Exception], ...] = ()
+    errors: ClassVar = {OSError: FAILURE, concurrent.futures.BrokenExecutor: FAILURE}
 
     def __init__(self, settings: BenchmarkSettings) -> None:
         self._settings = settings

@@ -4,7 +4,7 @@ import contextlib
 import importlib.metadata
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 from xml.etree import ElementTree
 
 import mujoco
@@ -17,7 +17,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.environment.environment import PHYSICS_STATE
 from kitchen_suite.gymnasium_env.base import VARIATION_VALUES, suite_env
 from kitchen_suite.rollouts.spec import EnvironmentSpec, reset_to_seed
-from kitchen_suite.settings import ExportSettings
+from kitchen_suite.settings import FAILURE, ExportSettings
 from kitchen_suite.versions import installed_versions
 
 LICENCE_FILE = "LICENSE-gymnasium-robotics.txt"  # File with the licence of the installed meshes and textures.
@@ -127,8 +127,7 @@ def page(record: Mapping[str, Any]) -> str:
 class ExportJob:
     """Writes a scene, and how it is stepped, to a folder."""
 
-    failures = (OSError,)
-    usage_errors = ()
+    errors: ClassVar = {OSError: FAILURE}
 
     def __init__(self, settings: ExportSettings) -> None:
         """Builds the scene, and starts the episode."""

@@ -18,7 +18,7 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.lerobot_dataset import Feature, LeRobotObservations, frames_per_second
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.vector_env import checks as vector_checks
-from kitchen_suite.vector_env.base import SuiteVectorEnv
+from kitchen_suite.vector_env.base import StepResult, SuiteVectorEnv
 
 _FILM_SIZE = {"width": 320, "height": 240}  # Size of films [pixels].
 _BLANK = (64, 64)  # Height and width of a picture in place of a film's, where there is no render mode [pixels].
@@ -54,9 +54,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
         observations, infos = self.environments.reset(seed=seed, options=options)
         return self._observations(observations), infos
 
-    def step(
-        self, actions: ArrayLike
-    ) -> tuple[dict[str, Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(self, actions: ArrayLike) -> StepResult:
         """Makes a control step; see `SuiteVectorEnv.step`."""
         observations, rewards, terminations, truncations, infos = self.environments.step(actions)
         if "final_obs" in infos:

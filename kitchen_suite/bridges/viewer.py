@@ -10,7 +10,7 @@ import queue
 import sys
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import dm_env
 import numpy as np
@@ -27,7 +27,7 @@ from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout import REWIND_STEPS
 from kitchen_suite.rollouts.spec import EpisodeSpec
-from kitchen_suite.settings import ViewSettings
+from kitchen_suite.settings import FAILURE, ViewSettings
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 from kitchen_suite.versions import installed_versions
 
@@ -378,8 +378,7 @@ def _persons_episode(settings: ViewSettings) -> TeleoperatedEpisode:
 class ViewJob:
     """Shows episodes in a browser until it is interrupted."""
 
-    failures = (OSError,)
-    usage_errors = ()
+    errors: ClassVar = {OSError: FAILURE}
 
     def __init__(self, settings: ViewSettings) -> None:
         """Builds the first environment, so that bad settings are refused."""

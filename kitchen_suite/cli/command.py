@@ -19,18 +19,17 @@ from collections.abc import Callable, Mapping, Sequence
 from io import TextIOWrapper
 from pathlib import Path
 from types import FrameType, UnionType
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, ClassVar, NamedTuple, Protocol, cast
 
 from absl import flags
 
 import kitchen_suite
 from kitchen_suite import checks, files
 from kitchen_suite.rendering import gl
-from kitchen_suite.settings import WIDTH, Flag
+from kitchen_suite.settings import BROKEN_PIPE, FAILURE, INTERRUPTED, SUCCESS, USAGE, WIDTH, Flag
 
-SUCCESS, FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
-
-_USAGE_ERRORS = (flags.Error, ImportError, OSError, TypeError, ValueError)  # Errors of the preparation.
+# Errors of the preparation.
+_ERRORS = dict.fromkeys((flags.Error, ImportError, OSError, TypeError, ValueError), USAGE)
 
 # Signals that have interrupted this process.
 _interrupts: list[int] = []
@@ -39,11 +38,10 @@ _interrupts: list[int] = []
 class Job(Protocol):
     """A command's work, prepared so that bad arguments have been refused.
 
-    Exceptions of `run` end the command with `FAILURE` if they are `failures`, with `USAGE` if they are `usage_errors`.
+    Exceptions of `run` that are `errors` end the command with one line, and the exit status of the first that matches.
     """
 
-    failures: tuple[type[Exception], ...]
-    usage_errors: tuple[type[Exception], ...]
+    errors: ClassVar[Mapping[type[Exception], int]]
 
     def run(self) -> bool | int:
         """Does the work; returns whether it succeeded, or an exit status of the command's own."""
@@ -138,12 +136,11 @@ class Command:
         """
         if _interrupts or isinstance(error, KeyboardInterrupt):
             return fail(self.name, f"interrupted {job.progress()}" if job else "interrupted", INTERRUPTED)
-        if not isinstance(error, BrokenPipeError):
-            if isinstance(error, job.usage_errors if job else _USAGE_ERRORS):
-                return fail(self.name, error, USAGE)
-            if job and isinstance(error, job.failures):
-                return fail(self.name, error, FAILURE)
-        raise error
+        errors = job.errors if job else _ERRORS
+        status = next((status for kind, status in errors.items() if isinstance(error, kind)), None)
+        if status is None or isinstance(error, BrokenPipeError):
+            raise error
+        return fail(self.name, error, status)
 
 
 class Setting(NamedTuple):

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import kitchen_suite
 from kitchen_suite import checks, files, settings
-from kitchen_suite.cli.command import SUCCESS, USAGE, Command, fail, run_process
+from kitchen_suite.cli.command import Command, fail, run_process
 from kitchen_suite.rendering import gl
 
 # Folder of the policies that come with the package, whose module imports dm_control.
@@ -323,14 +323,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for each, command in COMMANDS.items():
             sentence = command.description.partition("\n")[0].partition(". ")[0]
             print(f"  {each:<10} {sentence.rstrip('.')}.")
-        return SUCCESS
+        return settings.SUCCESS
     if name == "--version":
         print(f"kitchen-suite {kitchen_suite.__version__}")
-        return SUCCESS
+        return settings.SUCCESS
     try:
         command = COMMANDS[checks.choice(name, COMMANDS, "command")]
     except ValueError as error:
-        return fail("kitchen-suite", error, USAGE)
+        return fail("kitchen-suite", error, settings.USAGE)
     return command.main(others)
 
 

@@ -5,6 +5,7 @@ import concurrent.futures
 import functools
 import multiprocessing
 from collections.abc import Iterator
+from typing import ClassVar
 
 import msgspec
 import mujoco
@@ -15,7 +16,7 @@ from kitchen_suite import policies, suite
 from kitchen_suite.entities.designs import KitchenDesign
 from kitchen_suite.policies.experts.kitchens import reached_handles
 from kitchen_suite.rollouts.report import print_line, table
-from kitchen_suite.settings import CertifySettings
+from kitchen_suite.settings import FAILURE, CertifySettings
 from kitchen_suite.tasks.kitchens import certificates
 from kitchen_suite.tasks.kitchens.certificates import Certificate
 from kitchen_suite.tasks.variations.layouts import CLEARANCE_TOLERANCE, Clearance
@@ -55,8 +56,7 @@ def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
 class CertifyJob:
     """Certifies kitchens, or checks their certificates."""
 
-    failures = (OSError, ValueError)
-    usage_errors = ()
+    errors: ClassVar = {OSError: FAILURE, ValueError: FAILURE}
 
     def __init__(self, settings: CertifySettings) -> None:
         """Checks the settings, and what is there of the file."""

@@ -4,7 +4,7 @@ import collections
 import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from dm_control.rl.control import PhysicsError
@@ -24,7 +24,7 @@ from kitchen_suite.rollouts.report import EpisodeBar, counted, print_line, table
 from kitchen_suite.rollouts.rollout import Controller, PolicyController, SingleRollout, VectorEpisode, VectorRollout
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.rollouts.views import Page, PageStep
-from kitchen_suite.settings import EvaluateSettings
+from kitchen_suite.settings import FAILURE, USAGE, EvaluateSettings
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -39,10 +39,8 @@ def format_heading(plan: EvaluationPlan) -> str:
     first, varied = plan.first, {spec.variations for spec in plan.specs.values()}
     each = " of each condition" if len(plan.specs) > 1 else ""
     variations = first.variations if len(varied) == 1 else "variations by condition"
-    played = (
-        f"{first.domain_name}, policy {policies.without_file(first.policy)}, protocol {plan.protocol}, {variations}"
-    )
-    return f"{played}: {counted(plan.num_episodes)}{each}, seeds from {first.seed}"
+    played = f"{first.domain_name}, policy {policies.without_file(first.policy)}, protocol {plan.protocol}"
+    return f"{played}, {variations}: {counted(plan.num_episodes)}{each}, seeds from {first.seed}"
 
 
 def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[str, Any]) -> str:
@@ -132,8 +130,7 @@ class EpisodePage:
 class EvaluateJob:
     """Plays the episodes of a protocol, and scores them."""
 
-    failures = (OSError,)
-    usage_errors = (PolicyError,)
+    errors: ClassVar = {PolicyError: USAGE, OSError: FAILURE}
 
     def __init__(self, settings: EvaluateSettings) -> None:
         if settings.resume and settings.output is None:

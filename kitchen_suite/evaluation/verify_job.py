@@ -6,7 +6,7 @@ import dataclasses
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
 from kitchen_suite.rollouts.report import EpisodeBar, print_line, table
 from kitchen_suite.rollouts.spec import EpisodeSpec, even_count
-from kitchen_suite.settings import VerifySettings
+from kitchen_suite.settings import FAILURE, VerifySettings
 from kitchen_suite.versions import installed_versions, machine
 
 DIGITS_DIFFER = 3  # Exit status where all scores are equal, but not all digits.
@@ -61,8 +61,7 @@ class Comparison:
 class VerifyJob:
     """Checks a receipt."""
 
-    failures = (OSError, TypeError, ValueError)
-    usage_errors = ()
+    errors: ClassVar = {OSError: FAILURE, TypeError: FAILURE, ValueError: FAILURE}
 
     def __init__(self, settings: VerifySettings) -> None:
         self._path = Path(settings.receipt)

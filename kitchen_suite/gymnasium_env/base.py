@@ -360,10 +360,8 @@ class SuiteEnv(gymnasium.Env):
         at_limit = self._max_episode_steps is not None and self._episode_step >= self._max_episode_steps
         if self.render_mode == "human":
             self.render()
-        reward, truncated = (
-            0.0 if timestep.first() else float(timestep.reward),
-            at_limit or self.composer_task.truncates,
-        )
+        reward = 0.0 if timestep.first() else float(timestep.reward)
+        truncated = at_limit or self.composer_task.truncates
         return self._get_obs(timestep.observation), reward, terminated, truncated, self._all_infos()
 
     def get_state(self) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import dataclasses
 import pkgutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import ClassVar
 
 from dm_control.rl.control import PhysicsError
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from kitchen_suite.recordings.replay import check_pictures
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
-from kitchen_suite.settings import ConvertSettings
+from kitchen_suite.settings import FAILURE, USAGE, ConvertSettings
 from kitchen_suite.versions import installed_versions
 
 
@@ -44,8 +45,7 @@ def convert_job(settings: ConvertSettings) -> "DatasetJob | RecordingJob | Human
 class DatasetJob:
     """Makes a dataset of a recording, as `kitchen-record` does with `--dataset`."""
 
-    failures = (OSError, PhysicsError)
-    usage_errors = ()
+    errors: ClassVar = {OSError: FAILURE, PhysicsError: FAILURE}
 
     def __init__(self, settings: ConvertSettings, dataset: str) -> None:
         self._source, self._folder = settings.source, RecordingFolder.open(Path(settings.source))
@@ -80,8 +80,7 @@ class RecordingJob:
     The actions of each episode are played from its seed; all arrays of the dataset must be, to the bit, those played.
     """
 
-    failures = (OSError, PhysicsError)
-    usage_errors = (ValueError,)
+    errors: ClassVar = {ValueError: USAGE, OSError: FAILURE, PhysicsError: FAILURE}
 
     def __init__(self, source: Path, output: Path) -> None:
         self._source, self._output, path = source, output, record_file(source)

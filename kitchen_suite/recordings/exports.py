@@ -22,6 +22,8 @@ from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 
+VALIDATION = 10  # One episode in ten is for validation, in the layouts that have such.
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ExportRecord:

@@ -11,7 +11,7 @@ import importlib
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import tabulate
@@ -28,6 +28,7 @@ from kitchen_suite.recordings.minari_dataset import MinariSource
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, Step
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
+from kitchen_suite.settings import FAILURE, USAGE
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS, ROUNDING, SIZE, KitchenReading
@@ -216,8 +217,7 @@ def _info(task: KitchenTask, state: KitchenState, step: int) -> dict[str, Any]:
 class HumanDataJob:
     """Converts demonstrations to a recording."""
 
-    failures = (OSError,)
-    usage_errors = (ValueError,)
+    errors: ClassVar = {ValueError: USAGE, OSError: FAILURE}
 
     def __init__(self, source: str, output: Path, data_path: Path | None) -> None:
         """Opens the data of a file, or of a dataset below `data_path`, and starts the recording in a folder."""

@@ -16,8 +16,6 @@ from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-_VALIDATION = 10  # One episode in ten is for validation, in the layouts that have such.
-
 
 class OGBenchPlan(ExportPlan):
     """Files `NAME.npz` and `NAME-val.npz`, which `ogbench.utils.load_dataset` reads; the latter from ten episodes on.
@@ -36,7 +34,7 @@ class OGBenchPlan(ExportPlan):
         return (_validation_file(self.path),)
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
-        validation = count // _VALIDATION
+        validation = count // exports.VALIDATION
         remaining = iter(episodes)
         parts = {self.path: count - validation, _validation_file(self.path): validation}
         for path, number in parts.items():

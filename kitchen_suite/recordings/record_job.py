@@ -8,7 +8,7 @@ import math
 import sys
 from collections.abc import Generator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -19,7 +19,7 @@ from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
 from kitchen_suite.rollouts.rollout import VectorRunner, play_many
 from kitchen_suite.rollouts.spec import EpisodeSpec
-from kitchen_suite.settings import RecordSettings
+from kitchen_suite.settings import FAILURE, USAGE, RecordSettings
 from kitchen_suite.tasks.task import Metrics
 
 _DEMONSTRATOR = "expert(action_noise=0.1, jitter=0.01)"
@@ -66,8 +66,7 @@ class PhysicsDivergedError(Exception):
 class RecordJob:
     """Makes a recording, or completes it."""
 
-    failures = (PhysicsDivergedError, OSError)
-    usage_errors = (PolicyError,)
+    errors: ClassVar = {PolicyError: USAGE, PhysicsDivergedError: FAILURE, OSError: FAILURE}
 
     def __init__(self, settings: RecordSettings) -> None:
         self._ray = settings.ray()

@@ -6,7 +6,7 @@ import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import mujoco
@@ -23,7 +23,7 @@ from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout import episode_name
 from kitchen_suite.rollouts.spec import reset_to_seed
 from kitchen_suite.rollouts.views import Views
-from kitchen_suite.settings import ReplaySettings
+from kitchen_suite.settings import FAILURE, ReplaySettings
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.versions import installed_versions
 
@@ -225,8 +225,7 @@ def check_pictures(environment: gymnasium.Env) -> None:
 class ReplayJob:
     """Replays episodes of a recording, and compares them."""
 
-    failures = (PhysicsError, OSError, ValueError)
-    usage_errors = ()
+    errors: ClassVar = {PhysicsError: FAILURE, OSError: FAILURE, ValueError: FAILURE}
 
     def __init__(self, settings: ReplaySettings) -> None:
         self._settings = settings

@@ -17,7 +17,6 @@ from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
-_VALIDATION = 10  # One episode in ten is for validation, in the layouts that have such.
 _GYM_TYPE = 2  # robomimic's type of environments of Gymnasium's interface.
 _ROW_BYTES = 64  # Greatest size of a name in a list of an HDF5 file.
 
@@ -52,7 +51,7 @@ class RobomimicPlan(ExportPlan):
             own = suite.task_arguments(spec.domain_name, spec.task_name)
             arguments = {"env_name": suite.find_domain(spec.domain_name).env_id, "type": _GYM_TYPE}
             data.attrs["env_args"] = json.dumps({**arguments, "env_kwargs": {**own, **spec.task_kwargs}})
-            first = count // _VALIDATION
+            first = count // exports.VALIDATION
             for name, numbers in {"train": range(first, count), "valid": range(first)}.items():
                 if numbers:
                     file[f"mask/{name}"] = [f"demo_{number}".encode() for number in numbers]

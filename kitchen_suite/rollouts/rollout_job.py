@@ -6,7 +6,7 @@ import functools
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from dm_control.rl.control import PhysicsError
 from tabulate import tabulate
@@ -25,7 +25,7 @@ from kitchen_suite.rollouts.report import EpisodeBar, Report, print_line
 from kitchen_suite.rollouts.rollout import SingleRollout, SingleRunner
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.rollouts.views import Views
-from kitchen_suite.settings import WIDTH, PlaySettings, RolloutSettings
+from kitchen_suite.settings import FAILURE, USAGE, WIDTH, PlaySettings, RolloutSettings
 
 if TYPE_CHECKING:
     from kitchen_suite.workers.cluster import RaySettings
@@ -40,8 +40,7 @@ _DEFAULT_POLICY, _DEFAULT_VIDEO = "top_drawer_grasp", Path("kitchen-play.mp4")
 class RolloutJob:
     """Plays a number of episodes, reports and writes them."""
 
-    failures = (PhysicsError, OSError)
-    usage_errors = (PolicyError,)
+    errors: ClassVar = {PolicyError: USAGE, PhysicsError: FAILURE, OSError: FAILURE}
 
     def __init__(self, settings: RolloutSettings) -> None:
         self._ray = settings.ray()
@@ -199,8 +198,7 @@ def _reason_against_video() -> str:
 class ListJob:
     """Prints the lines of a list as they are made."""
 
-    failures = (OSError,)
-    usage_errors = ()
+    errors: ClassVar = {OSError: FAILURE}
 
     def __init__(self, lines: Iterable[str]) -> None:
         self._lines = lines

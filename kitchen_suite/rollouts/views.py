@@ -51,11 +51,8 @@ class Page:
                 if page:
                     with files.atomic_write(path) as partial:
                         partial.write_text(page.html(path.stem), encoding="utf-8")
-                    end = (
-                        f", {path.stat().st_size / 1e6:.1f} MB"
-                        if is_complete
-                        else f" ends early, in episode {len(page)}"
-                    )
+                    size = path.stat().st_size / 1e6
+                    end = f", {size:.1f} MB" if is_complete else f" ends early, in episode {len(page)}"
                     print_line(f"web page {path}{end}")
 
     def _add(self, recorder: SceneRecorder, buffer: EpisodeBuffer, environment: Environment) -> None:

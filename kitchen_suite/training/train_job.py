@@ -3,8 +3,7 @@
 import contextlib
 import dataclasses
 import shutil
-from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from dm_control.rl.control import PhysicsError
@@ -15,7 +14,7 @@ from kitchen_suite.rendering import video
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout_job import RolloutJob, policy_rollout
 from kitchen_suite.rollouts.spec import EnvironmentSpec
-from kitchen_suite.settings import ALGORITHMS, OFFLINE, PPO, PlaySettings, TrainSettings
+from kitchen_suite.settings import ALGORITHMS, FAILURE, OFFLINE, PPO, PlaySettings, TrainSettings
 from kitchen_suite.training.checkpoints import CheckpointError
 from kitchen_suite.training.learner import DivergedError, Training
 from kitchen_suite.training.reinforcement import PPOTraining, make_spec
@@ -34,8 +33,7 @@ class TrainJob:
       metadata: of exported policies; `domain_name`, `task_name`, `task_kwargs`, `training_kwargs`, `hyperparameters`.
     """
 
-    failures = (CheckpointError, DivergedError, OSError, PhysicsError, PolicyError)
-    usage_errors = ()
+    errors: ClassVar = dict.fromkeys((CheckpointError, DivergedError, OSError, PhysicsError, PolicyError), FAILURE)
 
     def __init__(self, settings: TrainSettings) -> None:
         """Prepares the training, so that bad settings are refused before the first step."""
@@ -81,7 +79,10 @@ class TrainJob:
                     break
         print_line(f"best policy: {settings.output / POLICY_FILE}")
         if settings.video:
-            self._film(settings.video)
+            best, fps = settings.output / POLICY_FILE, PlaySettings.video_fps
+            film = policy_rollout(best, num_episodes=1, seed=EVALUATION_SEEDS, video=settings.video, video_fps=fps)
+            RolloutJob(film).run()
+            print_line(f"video {settings.video}")
         return True
 
     def _train_seed(self, seed: int) -> StopReason:
@@ -117,12 +118,6 @@ class TrainJob:
             self._best = run.best
             with files.atomic_write(self._settings.output / POLICY_FILE) as partial:
                 shutil.copyfile(run.policy_file, partial)
-
-    def _film(self, file: Path) -> None:
-        best, fps = self._settings.output / POLICY_FILE, PlaySettings.video_fps
-        rollout = policy_rollout(best, num_episodes=1, seed=EVALUATION_SEEDS, video=file, video_fps=fps)
-        RolloutJob(rollout).run()
-        print_line(f"video {file}")
 
 
 def make_training(settings: TrainSettings, spec: EnvironmentSpec) -> Training:

@@ -20,6 +20,9 @@ from kitchen_suite.rendering.cameras import CameraParameters
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.episodes import BatchEpisodes, BatchPictures
 
+# What a control step returns; see `SuiteVectorEnv.step`.
+StepResult = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
+
 # Attributes of the single environment that depend on what an episode asks for.
 _WORDS = ("instruction", "instructions", "task", "task_description")
 
@@ -258,9 +261,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         """Returns infos, with masks, that only a reset of the environments of a mask with some options has."""
         return {}
 
-    def step(
-        self, actions: ArrayLike
-    ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(self, actions: ArrayLike) -> StepResult:
         """Makes a control step in every environment, or starts an episode, depending on the autoreset mode.
 
         | mode       | environments whose episode ended in the last step | whose episode ends in this step           |
@@ -287,9 +288,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         self._check_episodes(self._everyone)
         return self._step(vector_checks.actions(actions, self.action_space), self._no_one)
 
-    def step_some(
-        self, actions: ArrayLike, mask: NDArray[np.bool_]
-    ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step_some(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> StepResult:
         """Makes a control step in some environments; the others are not simulated, and their episodes end.
 
         With fewer episodes left than environments, this takes less time than `step`.
@@ -314,9 +313,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         checked[~mask] = checked[mask.argmax()]
         return self._step(checked, ~mask)
 
-    def _step(
-        self, actions: NDArray[np.float64], waiting: NDArray[np.bool_]
-    ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def _step(self, actions: NDArray[np.float64], waiting: NDArray[np.bool_]) -> StepResult:
         """Makes a control step, or starts an episode, except in environments `(n,)` that wait for a reset."""
         applied = self._template_env.clip_actions(actions) if self._template_env.clips_actions else actions
         self._mdp.action_mode.check(applied)

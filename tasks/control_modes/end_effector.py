@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 from dm_control import mjcf
 from dm_env import specs
-from numpy.typing import NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes import inverse_kinematics
@@ -59,18 +59,16 @@ class Arm:
         self._site_quat = np.array(physics.bind(site).quat)
         self._response = max(_LEAST_RESPONSE, _RESPONSE_STEPS * timestep)
 
-    def pose(self, simulation: Simulation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pose(self, simulation: Simulation) -> tuple[Array, Array]:
         """Returns the end effector's position `(..., 3)` [m] and orientation `(..., 4)` in the world."""
         body = simulation.read("xquat", self._body)[..., 0, :]
         return simulation.read("site_xpos", self._site)[..., 0, :], rotations.product(body, self._site_quat)
 
-    def base_pose(self, simulation: Simulation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def base_pose(self, simulation: Simulation) -> tuple[Array, Array]:
         """Returns the base's position `(..., 3)` [m] and orientation `(..., 4)` in the world."""
         return simulation.read("xpos", self._base)[..., 0, :], simulation.read("xquat", self._base)[..., 0, :]
 
-    def target(
-        self, simulation: Simulation, error: NDArray[np.float64], posture: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def target(self, simulation: Simulation, error: Array, posture: Array) -> Array:
         """Returns targets `(..., 7)` of the arm's servos that move the end effector towards its target [rad].
 
         Args:
@@ -105,9 +103,9 @@ class PoseCommand(NamedTuple):
       posture: `(..., 7)`, positions of the arm's joints at the reset, to which the null space returns [rad].
     """
 
-    position: NDArray[np.float64]
-    orientation: NDArray[np.float64]
-    posture: NDArray[np.float64]
+    position: Array
+    orientation: Array
+    posture: Array
 
 
 class EndEffectorMode(ActionMode):
@@ -127,13 +125,8 @@ class EndEffectorMode(ActionMode):
         return PoseCommand(np.array(position), orientation, np.array(self._arm.servos.positions(simulation)))
 
     def control(
-        self,
-        simulation: Simulation,
-        state: Any,
-        command: PoseCommand,
-        action: NDArray[np.float64],
-        draw: NDArray[np.float64] | float,
-    ) -> tuple[NDArray[np.float64], PoseCommand]:
+        self, simulation: Simulation, state: Any, command: PoseCommand, action: Array, draw: Array | float
+    ) -> tuple[Array, PoseCommand]:
         action = np.minimum(np.maximum(action, -1.0), 1.0)
         requested = self._requested(simulation, command, action)
         position, orientation = self._arm.pose(simulation)
@@ -147,7 +140,7 @@ class EndEffectorMode(ActionMode):
         return np.concatenate([arm, self._gripper.target(action[..., -1:])], axis=-1), self._kept(command, held)
 
     @abc.abstractmethod
-    def _requested(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+    def _requested(self, simulation: Simulation, command: PoseCommand, action: Array) -> PoseCommand:
         """Returns the pose that an action requests, which may be far away."""
 
     def _kept(self, command: PoseCommand, held: PoseCommand) -> PoseCommand:
@@ -162,14 +155,12 @@ class _DeltaMode(EndEffectorMode):
         self.linear_speed = checks.number(linear_speed, "linear_speed", positive=True, maximum=MAX_SPEED)
         self.frame = checks.choice(frame, FRAMES, "frame")
 
-    def _moved(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+    def _moved(self, simulation: Simulation, command: PoseCommand, action: Array) -> PoseCommand:
         """Returns a command with the position that the first three elements of an action request."""
         step = self.linear_speed * self._timestep * action[..., :3]
         return command._replace(position=command.position + self._in_world(simulation, command, step))
 
-    def _in_world(
-        self, simulation: Simulation, command: PoseCommand, vectors: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _in_world(self, simulation: Simulation, command: PoseCommand, vectors: Array) -> Array:
         """Returns vectors `(..., 3)` of the action's frame in the world."""
         frame = self._arm.base_pose(simulation)[1] if self.frame == "base" else command.orientation
         return rotations.rotated(frame, vectors)
@@ -188,7 +179,7 @@ class EndEffectorDeltaPosition(_DeltaMode):
         """Velocity x, y, z as a share of `linear_speed`, and the gripper: +1 closed, -1 open; in [-1, 1]."""
         return unit_spec(["x", "y", "z", "gripper"])
 
-    def _requested(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+    def _requested(self, simulation: Simulation, command: PoseCommand, action: Array) -> PoseCommand:
         return self._moved(simulation, command, action)
 
     def _kept(self, command: PoseCommand, held: PoseCommand) -> PoseCommand:
@@ -215,7 +206,7 @@ class EndEffectorDeltaPose(_DeltaMode):
         """Velocity x, y, z as a share of `linear_speed`, rotation vector, gripper: +1 closed, -1 open; in [-1, 1]."""
         return unit_spec(["x", "y", "z", "rotation_x", "rotation_y", "rotation_z", "gripper"])
 
-    def _requested(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+    def _requested(self, simulation: Simulation, command: PoseCommand, action: Array) -> PoseCommand:
         rotation = self._in_world(simulation, command, self.angular_speed * self._timestep * action[..., 3:6])
         moved = self._moved(simulation, command, action)
         return moved._replace(orientation=rotations.product(rotations.quaternion(rotation), command.orientation))
@@ -230,11 +221,11 @@ class EndEffectorPose(EndEffectorMode):
         """Position x, y, z within 1 m of the base, quaternion w, x, y, z, gripper: +1 closed, -1 open; in [-1, 1]."""
         return unit_spec(["x", "y", "z", "quaternion_w", *(f"quaternion_{axis}" for axis in "xyz"), "gripper"])
 
-    def check(self, action: NDArray[np.float64]) -> None:
+    def check(self, action: Array) -> None:
         if (least := rotations.length(np.clip(action[..., 3:7], -1.0, 1.0)).min()) < _LEAST_NORM:
             raise ValueError(f"the quaternion of an action must have a norm of at least {_LEAST_NORM:g}, got {least:g}")
 
-    def _requested(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+    def _requested(self, simulation: Simulation, command: PoseCommand, action: Array) -> PoseCommand:
         base, base_orientation = self._arm.base_pose(simulation)
         position = base + rotations.rotated(base_orientation, REACH * action[..., :3])
         unit = action[..., 3:7] / rotations.length(action[..., 3:7])

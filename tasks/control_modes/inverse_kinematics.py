@@ -1,16 +1,14 @@
 """Differential inverse kinematics: damped least squares with joint limits, on arrays with any leading axes `(...)`."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks import rotations
 
 _DAMPING = 0.05  # Near singular configurations, joint steps stay below half of the error divided by it.
 
 
-def jacobian(
-    position: NDArray[np.float64], anchors: NDArray[np.float64], axes: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def jacobian(position: Array, anchors: Array, axes: Array) -> Array:
     """Returns the Jacobian `(..., 6, k)` of a point's position and orientation in the world, for hinge joints.
 
     Args:
@@ -22,13 +20,7 @@ def jacobian(
     return np.ascontiguousarray(np.swapaxes(np.concatenate([linear, axes], axis=-1), -1, -2))
 
 
-def joint_step(
-    jacobian: NDArray[np.float64],
-    error: NDArray[np.float64],
-    posture: NDArray[np.float64],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def joint_step(jacobian: Array, error: Array, posture: Array, low: Array, high: Array) -> Array:
     """Returns joint steps `(..., k)` that bring the hand nearer to its target.
 
     The step `x` minimises `|J x - error|^2 + (damping |x - posture|)^2`: in the null space of `J`, it is `posture`.

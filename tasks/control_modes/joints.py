@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 from dm_control import mjcf
 from dm_env import specs
-from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import PANDA
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks.mdp import ActionMode, Simulation, as_columns, unit_spec
@@ -68,13 +68,8 @@ class JointOffset(ActionMode):
         return specs.Array((ACTION_SIZE,), np.float64, name=names)
 
     def control(
-        self,
-        simulation: Simulation,
-        state: Any,
-        command: tuple[()],
-        action: NDArray[np.float64],
-        draw: NDArray[np.float64] | float,
-    ) -> tuple[NDArray[np.float64], tuple[()]]:
+        self, simulation: Simulation, state: Any, command: tuple[()], action: Array, draw: Array | float
+    ) -> tuple[Array, tuple[()]]:
         positions = simulation.read("qpos", self._joint_qpos)
         target = np.empty(positions.shape)
         target[..., :7] = arm_target(positions[..., :7], action[..., :7])
@@ -82,7 +77,7 @@ class JointOffset(ActionMode):
         return target, command
 
 
-def arm_target(positions: NDArray[np.float64], action: NDArray[np.float64]) -> NDArray[np.float64]:
+def arm_target(positions: Array, action: Array) -> Array:
     """Returns the targets of the arm's actuators.
 
     Args:
@@ -95,12 +90,12 @@ def arm_target(positions: NDArray[np.float64], action: NDArray[np.float64]) -> N
     return np.minimum(np.maximum(positions + action, _ARM_LOW), _ARM_HIGH)
 
 
-def closing_probability(action: NDArray[np.float64] | float) -> NDArray[np.float64]:
+def closing_probability(action: Array | float) -> Array:
     """Probability `(...)` that a gripper logit `(...)` closes the gripper: 1 / (1 + exp(-logit)), without overflow."""
     return np.exp(-np.logaddexp(0.0, np.negative(action)))
 
 
-def gripper_target(action: NDArray[np.float64] | float, draw: NDArray[np.float64] | float = 0.5) -> NDArray[np.float64]:
+def gripper_target(action: Array | float, draw: Array | float = 0.5) -> Array:
     """Returns the target of both fingers.
 
     Args:
@@ -131,11 +126,11 @@ class ArmServos:
         self._ctrl_low, self._ctrl_high = np.transpose(physics.bind(robot.actuators[:size]).ctrlrange)
         self._qpos, self._qvel = as_columns(joints.qposadr), as_columns(joints.dofadr)
 
-    def positions(self, simulation: Simulation) -> NDArray[np.float64]:
+    def positions(self, simulation: Simulation) -> Array:
         """Returns the present joint positions `(..., 7)` [rad]."""
         return simulation.read("qpos", self._qpos)
 
-    def target(self, simulation: Simulation, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def target(self, simulation: Simulation, positions: Array) -> Array:
         """Returns servo targets `(..., 7)` that hold the arm at joint positions `(..., 7)` near the present ones [rad].
 
         The torques of gravity and motion are compensated: a servo holds a torque by an offset of the torque divided by
@@ -153,7 +148,7 @@ class Gripper:
         self.closed, self.open = robot.grip
         self._count = len(robot.actuators) - robot.arm_size
 
-    def target(self, action: NDArray[np.float64]) -> NDArray[np.float64]:
+    def target(self, action: Array) -> Array:
         """Returns the targets of the hand's actuators, `(..., 2)` of the Franka [m], for an action `(..., 1)`."""
         middle, half = (self.closed + self.open) / 2.0, (self.closed - self.open) / 2.0
         return np.repeat(middle + half * action, self._count, axis=-1)
@@ -178,13 +173,8 @@ class JointPosition(ActionMode):
         self._low, self._high = spec.minimum, spec.maximum
 
     def control(
-        self,
-        simulation: Simulation,
-        state: Any,
-        command: tuple[()],
-        action: NDArray[np.float64],
-        draw: NDArray[np.float64] | float,
-    ) -> tuple[NDArray[np.float64], tuple[()]]:
+        self, simulation: Simulation, state: Any, command: tuple[()], action: Array, draw: Array | float
+    ) -> tuple[Array, tuple[()]]:
         target = np.minimum(np.maximum(action, self._low), self._high)
         return np.concatenate([target, target[..., -1:]], axis=-1), command
 
@@ -196,7 +186,7 @@ class JointCommand(NamedTuple):
       positions: `(..., 7)`, commanded positions of the arm's joints [rad].
     """
 
-    positions: NDArray[np.float64]
+    positions: Array
 
 
 class JointDelta(ActionMode):
@@ -232,13 +222,8 @@ class JointDelta(ActionMode):
         return JointCommand(np.array(self._servos.positions(simulation)))
 
     def control(
-        self,
-        simulation: Simulation,
-        state: Any,
-        command: JointCommand,
-        action: NDArray[np.float64],
-        draw: NDArray[np.float64] | float,
-    ) -> tuple[NDArray[np.float64], JointCommand]:
+        self, simulation: Simulation, state: Any, command: JointCommand, action: Array, draw: Array | float
+    ) -> tuple[Array, JointCommand]:
         servos, action = self._servos, np.minimum(np.maximum(action, -1.0), 1.0)
         present = servos.positions(simulation)
         # A joint that stands beyond its limit may stay there.

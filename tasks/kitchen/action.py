@@ -8,6 +8,7 @@ from dm_env import specs
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
@@ -47,13 +48,8 @@ class JointVelocity(ActionMode):
         return unit_spec([actuator.full_identifier for actuator in robot.actuators])
 
     def control(
-        self,
-        simulation: Simulation,
-        state: KitchenState,
-        command: tuple[()],
-        action: NDArray[np.float64],
-        draw: NDArray[np.float64] | float,
-    ) -> tuple[NDArray[np.float64], tuple[()]]:
+        self, simulation: Simulation, state: KitchenState, command: tuple[()], action: Array, draw: Array | float
+    ) -> tuple[Array, tuple[()]]:
         positions = feedback_positions(state, self.feedback)
         target = position_target(positions, action, velocity_scale=self.velocity_scale, timestep=CONTROL_TIMESTEP)
         return target, command
@@ -80,17 +76,12 @@ class KitchenJointPosition(ActionMode):
             POSITION_LOW.shape, np.float64, minimum=POSITION_LOW, maximum=POSITION_HIGH, name=names
         )
 
-    def conversion(self, mode: str) -> Callable[[NDArray, NDArray], NDArray[np.float64]] | None:
+    def conversion(self, mode: str) -> Callable[[NDArray, NDArray], Array] | None:
         return _observed_target if mode == JointVelocity.name else None
 
     def control(
-        self,
-        simulation: Simulation,
-        state: KitchenState,
-        command: tuple[()],
-        action: NDArray[np.float64],
-        draw: NDArray[np.float64] | float,
-    ) -> tuple[NDArray[np.float64], tuple[()]]:
+        self, simulation: Simulation, state: KitchenState, command: tuple[()], action: Array, draw: Array | float
+    ) -> tuple[Array, tuple[()]]:
         positions, step = feedback_positions(state, self.feedback), VELOCITY_LIMIT * CONTROL_TIMESTEP
         near = np.minimum(np.maximum(action, positions - step), positions + step)
         return np.minimum(np.maximum(near, POSITION_LOW), POSITION_HIGH), command
@@ -102,7 +93,7 @@ CONTROL_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
 )
 
 
-def feedback_positions(state: KitchenState, feedback: str) -> NDArray[np.float64]:
+def feedback_positions(state: KitchenState, feedback: str) -> Array:
     """Returns the joint positions `(..., 9)` from which the next action starts, by one of `FEEDBACKS` [rad, m]."""
     if feedback == "target":
         return state.target
@@ -111,15 +102,13 @@ def feedback_positions(state: KitchenState, feedback: str) -> NDArray[np.float64
     return state.positions + state.noise[..., ROBOT_POSITIONS]
 
 
-def _observed_target(state: NDArray, action: NDArray) -> NDArray[np.float64]:
+def _observed_target(state: NDArray, action: NDArray) -> Array:
     """Returns the targets `(9,)` of `joint_velocity`, with its defaults, given the observed state [rad, m]."""
     scale, action = JointVelocity().velocity_scale, np.asarray(action, np.float64)
     return position_target(state[ROBOT_POSITIONS], action, velocity_scale=scale, timestep=CONTROL_TIMESTEP)
 
 
-def position_target(
-    positions: NDArray[np.float64], action: NDArray[np.float64], *, velocity_scale: float, timestep: float
-) -> NDArray[np.float64]:
+def position_target(positions: Array, action: Array, *, velocity_scale: float, timestep: float) -> Array:
     """Returns the joint positions to be reached at the end of a control step.
 
     Args:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.mdp import ATTEMPTED, REWARD_STATE, KitchenMDP
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, counted_in_order
@@ -27,7 +28,7 @@ Infos = Info | Sequence[Info] | NDArray[np.object_]
 Goal = Mapping[str, ArrayLike] | ArrayLike
 
 
-def flatten(goal: Goal, goals: GoalSet, name: str) -> NDArray[np.float64]:
+def flatten(goal: Goal, goals: GoalSet, name: str) -> Array:
     """Returns goals of all tasks concatenated in configured order: `(..., k)`; `name` is for messages."""
     if isinstance(goal, Mapping):
         if missing := [task for task in goals.tasks if task not in goal]:
@@ -40,9 +41,7 @@ def flatten(goal: Goal, goals: GoalSet, name: str) -> NDArray[np.float64]:
     return _numbers(goal, goals.desired.size, name)
 
 
-def reward(
-    achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, mdp: KitchenMDP
-) -> NDArray[np.float64]:
+def reward(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) -> Array:
     """Returns the reward `(...)` of a step.
 
     With the sparse reward, a task is rewarded if the info lists it as still to complete or as completed in the step. An
@@ -76,9 +75,7 @@ class Step(NamedTuple):
     shares: Shares | None = None
 
 
-def terminated(
-    achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, mdp: KitchenMDP
-) -> NDArray[np.bool_]:
+def terminated(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) -> NDArray[np.bool_]:
     """Returns whether `(...)` all tasks have been completed: by the info if it says so, else by the goals."""
     infos = _broadcast(info, np.broadcast_shapes(achieved.shape, desired.shape)[:-1])
     within = _within(achieved, desired, mdp)
@@ -92,7 +89,7 @@ def _requested(infos: NDArray[np.object_], mdp: KitchenMDP, key: str) -> NDArray
     return None if mdp.task_draw is None else _listed(infos, mdp.goals.tasks, (key,), elsewhere=True)
 
 
-def _within(achieved: NDArray[np.float64], desired: NDArray[np.float64], mdp: KitchenMDP) -> NDArray[np.bool_]:
+def _within(achieved: Array, desired: Array, mdp: KitchenMDP) -> NDArray[np.bool_]:
     """Returns whether `(..., n)` each task is complete; infinitely far goals are not."""
     with np.errstate(over="ignore"):
         return mdp.success.within(achieved, desired)
@@ -105,7 +102,7 @@ def _shaping(infos: NDArray[np.object_], goals: GoalSet) -> Shaping:
     return Shaping(**{**parts, "previously_completed": parts["previously_completed"] > 0})
 
 
-def _part(infos: NDArray[np.object_], key: str, width: int | None = None) -> NDArray[np.float64]:
+def _part(infos: NDArray[np.object_], key: str, width: int | None = None) -> Array:
     """Returns what infos `(...)` have under a key, `(..., width)` or, without a width, `(...)`."""
     values = []
     for info in infos.ravel():
@@ -161,7 +158,7 @@ def _mask(info: Info, key: str, tasks: Sequence[str]) -> NDArray[np.bool_]:
     return mask.astype(bool)
 
 
-def _numbers(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
+def _numbers(value: ArrayLike, size: int, name: str) -> Array:
     """Returns `value` as a float64 array `(..., size)`."""
     array = checks.array_of(value, name)
     if array.dtype.kind not in "fiu":

@@ -10,6 +10,7 @@ from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities import KITCHEN_FRANKA, Scene
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import JOINT_NAMES, in_observed_order
@@ -34,7 +35,7 @@ _OBJECTS = {
 INITIAL_QPOS = np.array([*KITCHEN_FRANKA.home, *in_observed_order(_OBJECTS)])
 
 
-def initial_qpos(robot: Robot) -> NDArray[np.float64]:
+def initial_qpos(robot: Robot) -> Array:
     """Returns the positions of robot and objects at the start of an episode [rad, m, quaternion]."""
     return np.array([*robot.home, *in_observed_order(_OBJECTS)])
 
@@ -52,11 +53,11 @@ class Start(NamedTuple):
 
     prop: str
     columns: NDArray[np.int64]
-    positions: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+    positions: Array
+    low: Array
+    high: Array
 
-    def allows(self, qpos: NDArray[np.float64]) -> bool:
+    def allows(self, qpos: Array) -> bool:
         """Whether the joints are within their bounds."""
         positions = qpos[self.columns]
         return bool(((self.low <= positions) & (positions <= self.high)).all())

@@ -8,6 +8,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
@@ -52,16 +53,16 @@ class KitchenState(NamedTuple):
       shares: of each task, while the terms of a dense reward are computed; None otherwise.
     """
 
-    noise: NDArray[np.float64]
-    positions: NDArray[np.float64]
-    target: NDArray[np.float64]
-    achieved: NDArray[np.float64]
-    distances: NDArray[np.float64]
+    noise: Array
+    positions: Array
+    target: Array
+    achieved: Array
+    distances: Array
     progress: Progress
-    terms: dict[str, NDArray[np.float64]]
+    terms: dict[str, Array]
     shaping: Shaping | None = None
     requested_order: NDArray[np.int64] | None = None
-    goal_states: NDArray[np.float64] | None = None
+    goal_states: Array | None = None
     goal_pictures: NDArray[np.uint8] | None = None
     shares: Shares | None = None
 
@@ -116,8 +117,8 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     sensors: KitchenSensors
     goals: GoalSet
-    noise_scale: NDArray[np.float64]
-    initial_qpos: NDArray[np.float64]
+    noise_scale: Array
+    initial_qpos: Array
     success: Success
     terminate_on_tasks_completed: bool
     remove_task_when_completed: bool
@@ -135,7 +136,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def noise_parts(self) -> Mapping[str, slice]:
         return self.sensors.parts.noise
 
-    def initial_state(self, reading: KitchenReading, draws: NDArray[np.float64]) -> KitchenState:
+    def initial_state(self, reading: KitchenReading, draws: Array) -> KitchenState:
         distances = self.goals.distances(reading.achieved)
         return KitchenState(
             noise=self.noise_scale * draws,
@@ -166,13 +167,13 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             return state._replace(goal_states=request.goal_states)
         return state._replace(goal_states=np.tile(self._state_with(self.current_mask(state)), self.goal_states))
 
-    def goal_state(self, state: KitchenState) -> NDArray[np.float64]:
+    def goal_state(self, state: KitchenState) -> Array:
         """Returns the last goal state `(..., 30)`; where none is observed, the start with the requested tasks done."""
         if state.goal_states is not None:
             return state.goal_states[..., -self.initial_qpos.size :].copy()
         return np.apply_along_axis(self._state_with, -1, self.current_mask(state))
 
-    def _state_with(self, done: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def _state_with(self, done: NDArray[np.bool_]) -> Array:
         """Returns the state `(30,)` of the kitchen at its start, but with some of the tasks `(n,)` done."""
         indices = self.sensors.indices
         elements = np.repeat(done, [len(goal.value) for goal in self.goals.goals])
@@ -205,13 +206,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         return Shaping.start(reading.achieved, reading.hand_distances, self.goals)
 
     def step(
-        self,
-        state: KitchenState,
-        *,
-        action: NDArray[np.float64],
-        target: NDArray[np.float64],
-        reading: KitchenReading,
-        draws: NDArray[np.float64],
+        self, state: KitchenState, *, action: Array, target: Array, reading: KitchenReading, draws: Array
     ) -> KitchenState:
         positions, achieved, hand_distances = reading
         within = self.success.within(achieved)
@@ -244,7 +239,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             after = after._replace(shaping=shaping, shares=shares)
         return after._replace(terms=self.reward_terms(state, action, after), shares=None)
 
-    def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:
+    def observation(self, simulation: Simulation, state: KitchenState) -> Array:
         return self.sensors.observed(simulation) + state.noise
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite.entities import Scene
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import JointState
 from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
 from kitchen_suite.tasks import rotations
@@ -87,7 +88,7 @@ ROBOT_POSITIONS, ROBOT_VELOCITIES, OBJECT_POSITIONS, OBJECT_VELOCITIES = FRANKA_
 SIZE = FRANKA_PARTS.size  # Number of elements of the observation, with the Franka.
 
 
-def noise_scale(parts: Parts = FRANKA_PARTS, *, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:
+def noise_scale(parts: Parts = FRANKA_PARTS, *, robot_ratio: float, object_ratio: float) -> Array:
     """Returns the greatest noise of each element of the observation, in its unit."""
     ratios = np.full(parts.size, object_ratio)
     robot = parts.noise["robot_noise"]
@@ -107,9 +108,9 @@ class KitchenReading(NamedTuple):
       hand_distances: `(..., n)`, distance of the hand from the handle of each task; None if it is not measured [m].
     """
 
-    positions: NDArray[np.float64]
-    achieved: NDArray[np.float64]
-    hand_distances: NDArray[np.float64] | None = None
+    positions: Array
+    achieved: Array
+    hand_distances: Array | None = None
 
 
 class KitchenSensors:
@@ -156,7 +157,7 @@ class KitchenSensors:
         hand_distances = np.sqrt(rotations.squared_length(sites[..., 1:, :] - sites[..., :1, :]))
         return KitchenReading(positions, achieved, hand_distances)
 
-    def observed(self, simulation: Simulation) -> NDArray[np.float64]:
+    def observed(self, simulation: Simulation) -> Array:
         """Returns the elements of the observation, `(..., 59)` with the Franka, without noise."""
         indices = self.indices
         robot = simulation.read("qpos", indices.robot_qpos), simulation.read("qvel", indices.robot_qvel)

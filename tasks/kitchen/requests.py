@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.task import ResetRequests
 
@@ -58,7 +59,7 @@ class TaskDraw:
             raise ValueError(f"{name} is {given}, but there are {count} tasks_to_complete")
         return cls(least=least, most=most)
 
-    def draw(self, random_state: np.random.RandomState, weights: NDArray[np.float64]) -> NDArray[np.int64]:
+    def draw(self, random_state: np.random.RandomState, weights: Array) -> NDArray[np.int64]:
         """Draws an order `(n,)` from `2 n + 1` numbers of U(0, 1), whatever the weights.
 
         Tasks are drawn one after the other without replacement, each with a probability proportional to its weight
@@ -136,7 +137,7 @@ def requested_order(value: object, tasks: Sequence[str]) -> NDArray[np.int64]:
     return order_of([tasks.index(name) for name in names], len(tasks))
 
 
-def checked_weights(value: object, tasks: Sequence[str]) -> NDArray[np.float64]:
+def checked_weights(value: object, tasks: Sequence[str]) -> Array:
     """Returns the weights `(n,)` of tasks, given by task, where those left out have 1, or as a vector."""
     name = "task_weights"
     if isinstance(value, Mapping):
@@ -148,7 +149,7 @@ def checked_weights(value: object, tasks: Sequence[str]) -> NDArray[np.float64]:
     return weights
 
 
-def checked_states(value: object, count: int, size: int, name: str) -> NDArray[np.float64]:
+def checked_states(value: object, count: int, size: int, name: str) -> Array:
     """Returns `count` states of the kitchen end to end, `(size count,)`, given as rows `(count, size)`."""
     rows = value if isinstance(value, list | tuple | np.ndarray) else ()
     if len(rows) != count:
@@ -169,8 +170,8 @@ class Request(NamedTuple):
     """
 
     order: NDArray[np.int64] | None = None
-    goal_states: NDArray[np.float64] | None = None
-    start_state: NDArray[np.float64] | None = None
+    goal_states: Array | None = None
+    start_state: Array | None = None
 
 
 class TaskRequests(ResetRequests):
@@ -200,7 +201,7 @@ class TaskRequests(ResetRequests):
         self.drawn_tasks = () if draw is None else goals.tasks
 
     @property
-    def weights(self) -> NDArray[np.float64]:
+    def weights(self) -> Array:
         """Weights `(n,)` with which later episodes draw their tasks; see `KitchenTask.task_weights`."""
         return self._weights.copy()
 

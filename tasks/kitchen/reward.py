@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.goals import GoalSet, Success
 from kitchen_suite.tasks.mdp import RewardTerm
 
@@ -41,16 +42,16 @@ class Shaping(NamedTuple):
       previously_completed: `(..., n)`, whether each task was completed before the step.
     """
 
-    initial_achieved: NDArray[np.float64]
-    initial_hand_distances: NDArray[np.float64]
-    hand_distances: NDArray[np.float64]
-    previous_achieved: NDArray[np.float64]
-    best_approach: NDArray[np.float64]
-    best_progress: NDArray[np.float64]
+    initial_achieved: Array
+    initial_hand_distances: Array
+    hand_distances: Array
+    previous_achieved: Array
+    best_approach: Array
+    best_progress: Array
     previously_completed: NDArray[np.bool_]
 
     @classmethod
-    def start(cls, achieved: NDArray[np.float64], hand_distances: NDArray[np.float64], goals: GoalSet) -> Self:
+    def start(cls, achieved: Array, hand_distances: Array, goals: GoalSet) -> Self:
         """Returns the state at a reset."""
         distances = goals.distances(achieved)
         return cls(
@@ -63,7 +64,7 @@ class Shaping(NamedTuple):
             previously_completed=np.zeros(distances.shape, bool),
         )
 
-    def restarted(self, mask: NDArray[np.bool_], achieved: NDArray[np.float64], goals: GoalSet) -> Self:
+    def restarted(self, mask: NDArray[np.bool_], achieved: Array, goals: GoalSet) -> Self:
         """Returns the state in which, where `mask` `(...)`, the last step counts as a reset.
 
         Args:
@@ -74,13 +75,7 @@ class Shaping(NamedTuple):
         restart = self.start(achieved, self.hand_distances, goals)
         return type(self)(*(np.where(mask[..., np.newaxis], new, old) for new, old in zip(restart, self, strict=True)))
 
-    def after(
-        self,
-        achieved: NDArray[np.float64],
-        completed: NDArray[np.bool_],
-        hand_distances: NDArray[np.float64],
-        goals: GoalSet,
-    ) -> Self:
+    def after(self, achieved: Array, completed: NDArray[np.bool_], hand_distances: Array, goals: GoalSet) -> Self:
         """Returns the state after one more step.
 
         Args:
@@ -99,7 +94,7 @@ class Shaping(NamedTuple):
         )
 
     @property
-    def approach(self) -> NDArray[np.float64]:
+    def approach(self) -> Array:
         """`(..., n)`, greatest share of the way to each task's handle covered up to now."""
         return np.maximum(self.best_approach, covered(self.hand_distances, self.initial_hand_distances))
 
@@ -117,27 +112,22 @@ class Shares(NamedTuple):
       previously_completed: the same before the step.
     """
 
-    approach: NDArray[np.float64]
-    previous_approach: NDArray[np.float64]
-    progress: NDArray[np.float64]
-    previous_progress: NDArray[np.float64]
+    approach: Array
+    previous_approach: Array
+    progress: Array
+    previous_progress: Array
     is_relabelled: NDArray[np.bool_]
     completed: NDArray[np.bool_]
     previously_completed: NDArray[np.bool_]
 
     @property
-    def remains(self) -> NDArray[np.float64]:
+    def remains(self) -> Array:
         """`(..., n)`, 0 for completed tasks, 1 for others."""
         return np.where(self.completed, 0.0, 1.0)
 
 
 def task_shares(
-    shaping: Shaping,
-    *,
-    success: Success,
-    achieved: NDArray[np.float64],
-    desired: NDArray[np.float64],
-    mask: NDArray[np.bool_] | None = None,
+    shaping: Shaping, *, success: Success, achieved: Array, desired: Array, mask: NDArray[np.bool_] | None = None
 ) -> Shares:
     """Returns how far each task has come; those outside `mask` have not come anywhere.
 
@@ -171,7 +161,7 @@ def task_shares(
     return Shares(*(np.where(mask, part, np.zeros((), part.dtype)) for part in shares))
 
 
-def covered(distances: NDArray[np.float64], initial: NDArray[np.float64]) -> NDArray[np.float64]:
+def covered(distances: Array, initial: Array) -> Array:
     """Returns the share in [0, 1] of initial distances that has been covered; 0 where both are infinite."""
     with np.errstate(invalid="ignore"):
         return np.fmax(1.0 - distances / np.maximum(initial, _LEAST_DISTANCE), 0.0)
@@ -180,39 +170,39 @@ def covered(distances: NDArray[np.float64], initial: NDArray[np.float64]) -> NDA
 # The terms are functions of the state before a step, its action, and the state after it; see `tasks.mdp.RewardTerm`.
 
 
-def _summed(by_task: NDArray[np.float64]) -> NDArray[np.float64]:
+def _summed(by_task: Array) -> Array:
     """Returns the sums `(...)` over the tasks of values `(..., n)`."""
     # In C order, a row has the same sum alone and among many.
     return np.add.reduce(np.ascontiguousarray(by_task), axis=-1)
 
 
-def completions(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+def completions(before: Any, action: Array, after: Any) -> Array:
     """The number of tasks completed in the step."""
     return np.add.reduce(after.completions, axis=-1, dtype=np.float64)
 
 
-def approach(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+def approach(before: Any, action: Array, after: Any) -> Array:
     """The part of the approach in the potential after the step."""
     return _summed(_APPROACH_WEIGHT * after.shares.approach * after.shares.remains)
 
 
-def progress(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+def progress(before: Any, action: Array, after: Any) -> Array:
     """The part of the progress in the potential after the step."""
     return _summed(_PROGRESS_WEIGHT * after.shares.progress * after.shares.remains)
 
 
-def completed(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+def completed(before: Any, action: Array, after: Any) -> Array:
     """The number of tasks that have been completed."""
     return _summed(1.0 - after.shares.remains)
 
 
-def approach_gain(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+def approach_gain(before: Any, action: Array, after: Any) -> Array:
     """The gain of the approach over its greatest value before."""
     shares = after.shares
     return _summed(_APPROACH_WEIGHT * (shares.approach - shares.previous_approach) * shares.remains)
 
 
-def progress_gain(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+def progress_gain(before: Any, action: Array, after: Any) -> Array:
     """The gain of the progress over its greatest value before.
 
     For a goal other than the episode's, as hindsight relabelling has them, the greatest progress so far is unknown. The
@@ -224,7 +214,7 @@ def progress_gain(before: Any, action: NDArray[np.float64], after: Any) -> NDArr
     return _summed(_PROGRESS_WEIGHT * gain * shares.remains)
 
 
-def completion_gain(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+def completion_gain(before: Any, action: Array, after: Any) -> Array:
     """The rest of the potential up to its greatest value, 1, for each task that the step completes."""
     shares = after.shares
     paid = _APPROACH_WEIGHT * shares.previous_approach + _PROGRESS_WEIGHT * shares.previous_progress

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import Franka, Scene
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.control_modes.end_effector import EndEffectorMode
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
@@ -190,7 +191,7 @@ class KitchenTask(SuiteTask):
         return self.requests.instructions_in(self.mdp.current_order(self.state) if self.state else None)
 
     @property
-    def goals(self) -> dict[str, NDArray[np.float64]]:
+    def goals(self) -> dict[str, Array]:
         """Goal of each task, in configured order."""
         return self.mdp.goals.split(self.mdp.goals.desired.copy())
 
@@ -200,7 +201,7 @@ class KitchenTask(SuiteTask):
         return self.requests.tasks_in(self.state.requested_order)
 
     @property
-    def task_weights(self) -> NDArray[np.float64]:
+    def task_weights(self) -> Array:
         """Weights `(n,)` with which later episodes draw the tasks that they ask for, in configured order; 1 by default.
 
         May be set to an array, or to numbers by task; tasks left out have the weight 1. They are not negative, and
@@ -229,7 +230,7 @@ class KitchenTask(SuiteTask):
         return self.state.progress
 
     @property
-    def task_distances(self) -> NDArray[np.float64]:
+    def task_distances(self) -> Array:
         """Distance of each task from its goal, in configured order [rad, m]."""
         return self.state.distances.copy()
 
@@ -283,12 +284,12 @@ class KitchenTask(SuiteTask):
         requested = arrays.get(f"info/{REQUESTED}_mask", arrays.get(f"observation/{REQUESTED}"))
         return goals.tasks, within if requested is None else within & (requested > 0)
 
-    def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
+    def is_initial(self, physics: mjcf.Physics, observation: Array) -> bool:
         present = self.mdp.sensors.observed(self._simulation)
         greatest = self.episode.scaled(self.mdp.noise_scale)
         return bool((np.abs(observation - present) <= greatest + ROUNDING).all())
 
-    def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
+    def restore(self, physics: mjcf.Physics, observation: Array) -> None:
         self.mdp.sensors.indices.write(physics, observation)
         self.mdp.sensors.refresh(physics)
         reading = self.mdp.sensors.read(self._simulation)
@@ -303,13 +304,13 @@ class KitchenTask(SuiteTask):
         )
         self._start_command(physics)
 
-    def set_observed_positions(self, observation: NDArray[np.float64]) -> None:
+    def set_observed_positions(self, observation: Array) -> None:
         noise = self.state.noise.copy()
         robot = self.mdp.sensors.parts.robot_positions
         noise[robot] = observation[robot] - self.state.positions
         self.set_mdp_state(self.state._replace(noise=noise))
 
-    def initial_state(self, draws: NDArray[np.float64]) -> KitchenState:
+    def initial_state(self, draws: Array) -> KitchenState:
         state: KitchenState = super().initial_state(draws)
         state = self.mdp.with_request(state, self.requests.order, self.requests.request)
         if state.goal_states is None or not self.pictures.colour:

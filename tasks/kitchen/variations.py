@@ -4,8 +4,8 @@ from collections.abc import Callable, Collection
 
 import numpy as np
 from dm_control import mjcf
-from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.names import DEFAULT_TASKS
@@ -42,7 +42,7 @@ def done_parameter(scene: Scene, requested: Callable[[], Collection[str]]) -> Pa
     joints = {task: GOALS[task].joints_in(scene) for task in DEFAULT_TASKS}
     elements = tuple(joint for task in may_be_done(requested()) for joint in joints[task])
 
-    def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
+    def write(physics: mjcf.Physics, elements: Elements, value: Array) -> None:
         possible = may_be_done(requested())
         for task, is_done in zip(DEFAULT_TASKS, value > 0.5, strict=True):
             if is_done and task in possible:

@@ -16,6 +16,7 @@ import tree
 from dm_control import mjcf
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.entities.scenes import robot_base
@@ -80,18 +81,18 @@ class Slots(NamedTuple):
       lift: `(..., 3)`, position of the kettle's handle in the frame of the kettle [m].
     """
 
-    kind: NDArray[np.float64]
-    opened: NDArray[np.float64]
+    kind: Array
+    opened: Array
     has_joint: NDArray[np.bool_]
     is_hinge: NDArray[np.bool_]
     is_free: NDArray[np.bool_]
-    position: NDArray[np.float64]
-    into: NDArray[np.float64]
-    along: NDArray[np.float64]
-    axis: NDArray[np.float64]
-    anchor: NDArray[np.float64]
-    target: NDArray[np.float64]
-    lift: NDArray[np.float64]
+    position: Array
+    into: Array
+    along: Array
+    axis: Array
+    anchor: Array
+    target: Array
+    lift: Array
 
     @classmethod
     def of(cls, scene: GeneratedKitchen, physics: mjcf.Physics) -> Self:
@@ -130,9 +131,7 @@ class Slots(NamedTuple):
             arrays.axis[k], arrays.anchor[k] = data.xaxis[joint], data.xanchor[joint]
         return arrays
 
-    def moved(
-        self, joints: NDArray[np.float64], kettle: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def moved(self, joints: Array, kettle: Array) -> tuple[Array, Array, Array]:
         """Returns positions of the handles [m], and directions into the fixtures and along the bars, `(..., K, 3)`.
 
         Args:
@@ -142,7 +141,7 @@ class Slots(NamedTuple):
         angles = np.where(self.is_hinge, joints, 0.0)
         cos, sin = np.cos(angles)[..., np.newaxis], np.sin(angles)[..., np.newaxis]
 
-        def turned(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+        def turned(vectors: Array) -> Array:
             parallel = self.axis * _dot(self.axis, vectors)
             return vectors * cos + rotations.cross(self.axis, vectors) * sin + parallel * (1.0 - cos)
 
@@ -152,7 +151,7 @@ class Slots(NamedTuple):
         positions = np.where(self.is_free[..., np.newaxis], kettle[..., np.newaxis, :], positions)
         return positions, turned(self.into), turned(self.along)
 
-    def openings(self, joints: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def openings(self, joints: Array, positions: Array) -> Array:
         """Returns how far `(..., K)` parts are open, on, or moved, as a share.
 
         Args:
@@ -163,7 +162,7 @@ class Slots(NamedTuple):
         return np.where(self.is_free, 1.0 - missing / self.opened, joints / self.opened)
 
 
-def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def _dot(one: Array, other: Array) -> Array:
     """Returns the products `(..., 1)` of vectors `(..., 3)`, with the same bits for one and for many."""
     x, y, z = (one[..., i] * other[..., i] for i in range(3))
     return (x + y + z)[..., np.newaxis]
@@ -181,12 +180,12 @@ class SlotReading(NamedTuple):
       kettle: `(..., 7)`, pose of the kettle [m, quaternion]; without meaning where there is none.
     """
 
-    positions: NDArray[np.float64]
-    velocities: NDArray[np.float64]
-    hand: NDArray[np.float64]
-    frame: NDArray[np.float64]
-    joints: NDArray[np.float64]
-    kettle: NDArray[np.float64]
+    positions: Array
+    velocities: Array
+    hand: Array
+    frame: Array
+    joints: Array
+    kettle: Array
 
 
 class SlotSensors:
@@ -248,10 +247,10 @@ class Shaping(NamedTuple):
       best_progress: `(..., K)`, greatest share of the way to the goal covered before the step.
     """
 
-    initial_distances: NDArray[np.float64]
-    best_approach: NDArray[np.float64]
-    initial_openings: NDArray[np.float64]
-    best_progress: NDArray[np.float64]
+    initial_distances: Array
+    best_approach: Array
+    initial_openings: Array
+    best_progress: Array
 
 
 class KitchensState(NamedTuple):
@@ -274,18 +273,18 @@ class KitchensState(NamedTuple):
       shares: while the terms of a dense reward are computed; None otherwise.
     """
 
-    noise: NDArray[np.float64]
-    positions: NDArray[np.float64]
-    velocities: NDArray[np.float64]
-    target: NDArray[np.float64]
-    hand: NDArray[np.float64]
-    handles: NDArray[np.float64]
-    openings: NDArray[np.float64]
-    goal: NDArray[np.float64]
+    noise: Array
+    positions: Array
+    velocities: Array
+    target: Array
+    hand: Array
+    handles: Array
+    openings: Array
+    goal: Array
     order: NDArray[np.int64]
     progress: Progress
     slots: Slots
-    terms: dict[str, NDArray[np.float64]]
+    terms: dict[str, Array]
     shaping: Shaping | None = None
     shares: Shares | None = None
 
@@ -315,7 +314,7 @@ class KitchensState(NamedTuple):
         return self.order >= 0
 
     @property
-    def hand_distances(self) -> NDArray[np.float64]:
+    def hand_distances(self) -> Array:
         """`(..., K)`, of the hand from the handles [m]."""
         offsets = self.handles[..., :3] - self.hand[..., np.newaxis, :3]
         return np.sqrt(rotations.squared_length(offsets))
@@ -334,7 +333,7 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
     """
 
     sensors: SlotSensors
-    noise_scale: NDArray[np.float64]
+    noise_scale: Array
     num_slots: int = MAX_PARTS
     is_dense: bool = False
     terminates_when_complete: bool = True
@@ -347,7 +346,7 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
     def noise_parts(self) -> Mapping[str, slice]:
         return NOISE_PARTS
 
-    def initial_state(self, reading: SlotReading, draws: NDArray[np.float64]) -> KitchensState:
+    def initial_state(self, reading: SlotReading, draws: Array) -> KitchensState:
         """Returns the state before the first step of an episode that asks for nothing; see `with_request`."""
         zeros, slots = np.zeros(MAX_PARTS), self.sensors.slots
         state = KitchensState(
@@ -363,19 +362,13 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         shaping = Shaping(state.hand_distances, zeros, state.openings, zeros)
         return state._replace(shaping=shaping) if self.is_dense else state
 
-    def with_request(self, state: KitchensState, order: NDArray[np.int64], goal: NDArray[np.float64]) -> KitchensState:
+    def with_request(self, state: KitchensState, order: NDArray[np.int64], goal: Array) -> KitchensState:
         """Returns the state before the first step of an episode that asks for goals `(K,)` of parts in an order."""
         progress = Progress.initial((MAX_PARTS,))._replace(remaining=order >= 0)
         return state._replace(order=order, goal=goal, progress=progress)
 
     def step(
-        self,
-        state: KitchensState,
-        *,
-        action: NDArray[np.float64],
-        target: NDArray[np.float64],
-        reading: SlotReading,
-        draws: NDArray[np.float64],
+        self, state: KitchensState, *, action: Array, target: Array, reading: SlotReading, draws: Array
     ) -> KitchensState:
         after = state._replace(
             noise=self.noise_scale * draws, target=target, terms={}, shares=None, **_measured(state.slots, reading)
@@ -387,7 +380,7 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         return after._replace(terms=self.reward_terms(state, action, after), shares=None)
 
     @staticmethod
-    def within(openings: NDArray[np.float64], goal: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def within(openings: Array, goal: Array) -> NDArray[np.bool_]:
         """Returns which parts `(..., K)` are where a goal asks them to be."""
         return np.where(goal > 0.5, openings >= OPEN, openings <= CLOSED)
 
@@ -464,7 +457,7 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
 _TWO_COLUMNS = np.array([3, 6, 9, 4, 7, 10])  # The first two columns of a rotation matrix after a position.
 
 
-def noise_scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:
+def noise_scale(*, robot_ratio: float, object_ratio: float) -> Array:
     """Returns the greatest noise `(82,)` of joints, handles and openings, each in its unit."""
     scale = np.full(NOISE_SIZE, robot_ratio * _ROBOT_AMPLITUDE)
     scale[_HANDLES], scale[_OPENINGS] = object_ratio * _HANDLE_AMPLITUDE, object_ratio * _OPENING_AMPLITUDE

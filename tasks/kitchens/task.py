@@ -10,6 +10,7 @@ from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen, Placed
 from kitchen_suite.entities.fixtures import KINDS, Part
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
@@ -144,7 +145,7 @@ class PartRequests(ResetRequests):
         orders, goals = arrays.get(f"info/{REQUESTED_ORDER}"), arrays.get("info/goal_openings")
         return {} if orders is None or goals is None else {REQUESTED: self.names(orders[0], goals[0])}
 
-    def names(self, order: NDArray[np.int64], goal: NDArray[np.float64]) -> list[str]:
+    def names(self, order: NDArray[np.int64], goal: Array) -> list[str]:
         """Returns the tasks that an order `(K,)` with goals `(K,)` asks for, in their sequence."""
         by_slot = {slot: task for task, slot in self._slots.items()}
         return [by_slot[k, bool(goal[k])] for k in in_order(order)]
@@ -242,7 +243,7 @@ class KitchensTask(SuiteTask):
         order, goal = (self.state.order, self.state.goal) if self.state else (self.requests.order, self.requests.goal)
         return self.instructions_of(order, goal)
 
-    def instructions_of(self, order: NDArray[np.int64], goal: NDArray[np.float64]) -> tuple[str, ...]:
+    def instructions_of(self, order: NDArray[np.int64], goal: Array) -> tuple[str, ...]:
         """Returns the instructions of an episode that asks for goals `(K,)` in an order `(K,)`; empty for nothing."""
         each = [self._sentences(k, bool(goal[k])) for k in in_order(order)]
         return tuple(", then ".join(sentences) for sentences in zip(*each, strict=True))
@@ -301,7 +302,7 @@ class KitchensTask(SuiteTask):
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
 
-    def initial_state(self, draws: NDArray[np.float64]) -> KitchensState:
+    def initial_state(self, draws: Array) -> KitchensState:
         return self.mdp.with_request(super().initial_state(draws), self.requests.order, self.requests.goal)
 
     def saved_state(self) -> dict[str, Any]:

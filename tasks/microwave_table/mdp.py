@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.mdp import MDP, FeatureSensors, RewardTerm, Simulation
 
@@ -43,39 +44,39 @@ class MicrowaveTableState(NamedTuple):
       succeeded: `(...)`, whether it has been after some step.
     """
 
-    observation: NDArray[np.float64]
-    terms: dict[str, NDArray[np.float64]]
+    observation: Array
+    terms: dict[str, Array]
     is_success: NDArray[np.bool_]
     succeeded: NDArray[np.bool_]
 
     @property
-    def joint_positions(self) -> NDArray[np.float64]:
+    def joint_positions(self) -> Array:
         """`(..., 9)`, of the robot [rad, m]."""
         return self.observation[..., PARTS["joint_positions"]]
 
     @property
-    def joint_velocities(self) -> NDArray[np.float64]:
+    def joint_velocities(self) -> Array:
         """`(..., 9)`, of the robot [rad/s, m/s]."""
         return self.observation[..., PARTS["joint_velocities"]]
 
     @property
-    def handle_offset(self) -> NDArray[np.float64]:
+    def handle_offset(self) -> Array:
         """`(..., 3)`, from the fingertips to the handle [m]."""
         return self.observation[..., PARTS["handle_offset"]]
 
     @property
-    def door_opening(self) -> NDArray[np.float64]:
+    def door_opening(self) -> Array:
         """`(...)`, angle of the door as a share of its goal."""
         return self.observation[..., PARTS["door_position"].start] / OPEN_ANGLE
 
 
-def approach(before: MicrowaveTableState, action: NDArray, after: MicrowaveTableState) -> NDArray[np.float64]:
+def approach(before: MicrowaveTableState, action: NDArray, after: MicrowaveTableState) -> Array:
     """`1 - tanh(d / 0.1)`, `d` the distance of the fingertips from the handle [m]."""
     distance = np.sqrt(rotations.squared_length(after.handle_offset))
     return 1.0 - np.tanh(distance / _APPROACH_DISTANCE)
 
 
-def opening(before: MicrowaveTableState, action: NDArray, after: MicrowaveTableState) -> NDArray[np.float64]:
+def opening(before: MicrowaveTableState, action: NDArray, after: MicrowaveTableState) -> Array:
     """`5 * o`, `o` the angle of the door as a share of its goal, in [0, 1]."""
     return 5.0 * np.clip(after.door_opening, 0.0, 1.0)
 
@@ -85,7 +86,7 @@ REWARDS: Mapping[str, RewardTerm] = MappingProxyType({"approach": approach, "ope
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class MicrowaveTableMDP(MDP[NDArray[np.float64], MicrowaveTableState]):
+class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
     """Settings of the task, and the mathematics of an episode under them; see `MDP` for those of all tasks.
 
     Attributes:
@@ -96,18 +97,12 @@ class MicrowaveTableMDP(MDP[NDArray[np.float64], MicrowaveTableState]):
     sensors: FeatureSensors
     threshold: float
 
-    def initial_state(self, reading: NDArray[np.float64], draws: NDArray[np.float64]) -> MicrowaveTableState:
+    def initial_state(self, reading: Array, draws: Array) -> MicrowaveTableState:
         axes = reading.shape[:-1]
         return self._state(reading, np.zeros(axes, bool))._replace(terms=self.no_reward(axes))
 
     def step(
-        self,
-        state: MicrowaveTableState,
-        *,
-        action: NDArray[np.float64],
-        target: NDArray[np.float64],
-        reading: NDArray[np.float64],
-        draws: NDArray[np.float64],
+        self, state: MicrowaveTableState, *, action: Array, target: Array, reading: Array, draws: Array
     ) -> MicrowaveTableState:
         after = self._state(reading, state.succeeded)
         return after._replace(terms=self.reward_terms(state, action, after))
@@ -127,7 +122,7 @@ class MicrowaveTableMDP(MDP[NDArray[np.float64], MicrowaveTableState]):
             "success_at_any_time": np.array(state.succeeded),
         }
 
-    def _state(self, reading: NDArray[np.float64], succeeded: NDArray[np.bool_]) -> MicrowaveTableState:
+    def _state(self, reading: Array, succeeded: NDArray[np.bool_]) -> MicrowaveTableState:
         """Returns the state without reward for sensor values, and whether `(...)` the door was open before."""
         read = {name: reading[..., part] for name, part in self.sensors.indices.items()}
         parts = {**read, "handle_offset": read["handle_position"] - read["tcp_position"]}

@@ -6,9 +6,10 @@ from typing import Self
 
 import numpy as np
 from dm_control import mjcf
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kitchen_suite.entities import OpenCabinetScene
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.mdp import FeatureSensors
 
 _HOLD_DISTANCE = 0.03  # Greatest distance of the hand from the handle that it holds [m].
@@ -33,7 +34,7 @@ FEATURES_SIZE = 36
 _HEIGHT = slice(2, 3)
 
 
-def scalars(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def scalars(values: Array) -> Array:
     """Returns values `(...)`; a 0-d array becomes a scalar, with which numpy computes several times as fast."""
     return values[()]
 
@@ -62,7 +63,7 @@ class Features:
       is_held_open: `(...)`, whether the drawer is open, and the gripper within 0.03 m of its handle.
     """
 
-    def __init__(self, values: NDArray[np.float64]) -> None:
+    def __init__(self, values: Array) -> None:
         """Wraps `values`, without a copy."""
         self.values, parts = values, FEATURE_INDICES
         self.joint_positions = values[..., parts["joint_positions"]]
@@ -75,7 +76,7 @@ class Features:
         self.right_pad_height = scalars(values[..., parts["right_pad_height"]])
         self.drawer_position = scalars(values[..., parts["drawer_position"]])
         self.drawer_velocity = scalars(values[..., parts["drawer_velocity"]])
-        self.handle_offset: NDArray[np.float64] = self.handle_position - self.tcp_position
+        self.handle_offset: Array = self.handle_position - self.tcp_position
         self.handle_distance = np.sqrt(np.add.reduce(np.square(self.handle_offset), axis=-1))
         self.quaternion_product = np.add.reduce(self.handle_quaternion * self.tcp_quaternion, axis=-1)
         self.is_held_open = (self.drawer_position > 0.0) & (self.handle_distance <= _HOLD_DISTANCE)
@@ -88,7 +89,7 @@ class Features:
         columns = [array if axis else array[..., np.newaxis] for array, axis in zip(arrays, has_axis, strict=True)]
         return cls(np.concatenate(columns, axis=-1))
 
-    def arrays(self) -> dict[str, NDArray[np.float64]]:
+    def arrays(self) -> dict[str, Array]:
         """Returns copies of all parts by name, from which `Features.of` makes equal features."""
         return {name: np.array(self.values[..., index]) for name, index in FEATURE_INDICES.items()}
 

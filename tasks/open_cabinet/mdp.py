@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.mdp import MDP, Simulation
 from kitchen_suite.tasks.open_cabinet.features import FEATURE_INDICES, Features, OpenCabinetSensors, scalars
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, clipped, observe
@@ -32,19 +33,19 @@ class OpenCabinetState(NamedTuple):
       gripper: `(...)`, target of the fingers during the last step [m], as long.
     """
 
-    features: NDArray[np.float64]
-    observation: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    previous_action: NDArray[np.float64]
-    terms: dict[str, NDArray[np.float64]]
+    features: Array
+    observation: Array
+    noise: Array
+    previous_action: Array
+    terms: dict[str, Array]
     terminates: NDArray[np.bool_]
     succeeded: NDArray[np.bool_]
     total_steps: NDArray[np.int64]
     view: Features | None = None
-    gripper: NDArray[np.float64] | None = None
+    gripper: Array | None = None
 
     @property
-    def drawer_position(self) -> NDArray[np.float64]:
+    def drawer_position(self) -> Array:
         """`(...)`, opening of the drawer [m]."""
         return scalars(self.features[..., FEATURE_INDICES["drawer_position"]])
 
@@ -55,7 +56,7 @@ class OpenCabinetState(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
+class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
     """Settings of an open_cabinet task, and the mathematics of an episode under them; see `MDP` for those of all tasks.
 
     Attributes:
@@ -65,7 +66,7 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
 
     sensors: OpenCabinetSensors
     action_size: int
-    noise_scale: NDArray[np.float64]
+    noise_scale: Array
 
     # The weights of the penalties depend on the control steps of all episodes.
     persistent = ("total_steps",)
@@ -79,7 +80,7 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
         """Whether the observation has noise."""
         return bool(self.noise_scale.any())
 
-    def initial_state(self, reading: NDArray[np.float64], draws: NDArray[np.float64]) -> OpenCabinetState:
+    def initial_state(self, reading: Array, draws: Array) -> OpenCabinetState:
         axes = reading.shape[:-1]
         return OpenCabinetState(
             features=reading,
@@ -93,13 +94,7 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
         )
 
     def step(
-        self,
-        state: OpenCabinetState,
-        *,
-        action: NDArray[np.float64],
-        target: NDArray[np.float64],
-        reading: NDArray[np.float64],
-        draws: NDArray[np.float64],
+        self, state: OpenCabinetState, *, action: Array, target: Array, reading: Array, draws: Array
     ) -> OpenCabinetState:
         view = Features(reading)
         after = OpenCabinetState(

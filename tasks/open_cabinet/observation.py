@@ -9,6 +9,7 @@ from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.control_modes.joints import JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.open_cabinet.features import Features
 
@@ -20,22 +21,22 @@ _HALF_RANGE = (JOINT_HIGH - JOINT_LOW) / 2.0
 _XYZW = np.array([1, 2, 3, 0])  # Indices of x, y, z, w, the order in observations, among w, x, y, z.
 
 
-def scaled_joint_positions(features: Features) -> NDArray[np.float64]:
+def scaled_joint_positions(features: Features) -> Array:
     """`(..., 8)`: arm and left finger, -1 at the joint's lower limit and 1 at its upper one."""
     return (features.joint_positions[..., :8] - _MIDDLE) / _HALF_RANGE
 
 
-def scaled_joint_velocities(features: Features) -> NDArray[np.float64]:
+def scaled_joint_velocities(features: Features) -> Array:
     """`(..., 8)`: arm [2 rad/s] and left finger [2 m/s]."""
     return features.joint_velocities[..., :8] / 2.0
 
 
-def handle_offset(features: Features) -> NDArray[np.float64]:
+def handle_offset(features: Features) -> Array:
     """`(..., 3)`: from the gripper to the handle, along the world's axes [m]."""
     return features.handle_offset
 
 
-def handle_orientation_offset(features: Features) -> NDArray[np.float64]:
+def handle_orientation_offset(features: Features) -> Array:
     """`(..., 4)`: handle quaternion minus gripper quaternion, element by element in the order x, y, z, w.
 
     The handle's w is never negative, and the gripper's sign is the one nearer to the handle, so equal orientations
@@ -46,22 +47,22 @@ def handle_orientation_offset(features: Features) -> NDArray[np.float64]:
     return offset.take(_XYZW, axis=-1)
 
 
-def drawer_position(features: Features) -> NDArray[np.float64]:
+def drawer_position(features: Features) -> Array:
     """`(..., 1)`: how far the drawer is open [m]."""
     return features.drawer_position[..., np.newaxis]
 
 
-def drawer_velocity(features: Features) -> NDArray[np.float64]:
+def drawer_velocity(features: Features) -> Array:
     """`(..., 1)`: how fast it opens [m/s]."""
     return features.drawer_velocity[..., np.newaxis]
 
 
-def _sign(value: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sign(value: Array) -> Array:
     return np.copysign(1.0, value)
 
 
 # Functions of the parts, before clipping, by observation key, in the order of the flat vector.
-PARTS: Mapping[str, Callable[[Features], NDArray[np.float64]]] = MappingProxyType(
+PARTS: Mapping[str, Callable[[Features], Array]] = MappingProxyType(
     {
         "joint_positions": scaled_joint_positions,
         "joint_velocities": scaled_joint_velocities,
@@ -86,12 +87,12 @@ SLICES: Mapping[str, slice] = MappingProxyType(
 SIZE = 25
 
 
-def clipped(values: NDArray[np.float64]) -> NDArray[np.float32]:
+def clipped(values: Array) -> NDArray[np.float32]:
     """Returns values clipped to [-5, 5], in single precision."""
     return np.minimum(np.maximum(values, -LIMIT), LIMIT).astype(np.float32)
 
 
-def observe(features: Features) -> NDArray[np.float64]:
+def observe(features: Features) -> Array:
     """Returns the flat vector `(..., 25)`, not yet clipped."""
     return np.concatenate([compute(features) for compute in PARTS.values()], axis=-1)
 
@@ -125,7 +126,7 @@ class OpenCabinetObservables:
             if self.noise_scale[indices].any():
                 self.by_name[name].corruptor = lambda clean, random_state, indices=indices: self._noisy[indices]
 
-    def update(self, values: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
+    def update(self, values: Array, noise: Array) -> None:
         """Sets the present observation: `values` `(25,)` without noise and not yet clipped, and its `noise` `(25,)`.
 
         Noise is added before clipping, so that noisy observations keep the range.

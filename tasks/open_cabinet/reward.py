@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.entities import CabinetConfig
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.franka_specs import PAD_HALF_SIZE
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN
@@ -49,48 +50,46 @@ _HALF_HELD = 0.001
 _BAR_AXIS = np.array([1.0, 0.0, 0.0])
 
 
-def approach(features: Features) -> NDArray[np.float64]:
+def approach(features: Features) -> Array:
     """`10 * (1 - tanh(d / 0.1))`, `d` the distance from gripper to handle [m]."""
     return 10.0 * (1.0 - np.tanh(features.handle_distance / 0.1))
 
 
-def alignment(features: Features) -> NDArray[np.float64]:
+def alignment(features: Features) -> Array:
     """`(...)`, cosine of the angle between gripper and handle frame."""
     # cos(a) = 2 cos(a / 2)^2 - 1
     return 2.0 * features.quaternion_product * features.quaternion_product - 1.0
 
 
-def orientation(features: Features) -> NDArray[np.float64]:
+def orientation(features: Features) -> Array:
     """`cos(a)`, `a` the angle between gripper and handle frame; 1 whenever `opening` is positive."""
     return scalars(np.where(features.is_held_open, 1.0, alignment(features)))
 
 
-def grasp(features: Features, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:
+def grasp(features: Features, gripper: Array | float) -> Array:
     """`(100 if d < 0.025 else -20) * (0.04 - g)`, `g` the target of the fingers [m]."""
     return (np.multiply(120.0, features.handle_distance < _GRASP_DISTANCE) - 20.0) * (GRIPPER_OPEN - gripper)
 
 
-def opening(features: Features) -> NDArray[np.float64]:
+def opening(features: Features) -> Array:
     """`20 * (exp(o) - 1)`, `o` the drawer's position [m] in [0, 1]; 0 when `o > 0` and `d > 0.03`."""
     position = np.minimum(np.maximum(features.drawer_position, 0.0), 1.0)
     return features.is_held_open * (20.0 * np.expm1(position))
 
 
-def straddling(features: Features) -> NDArray[np.float64]:
+def straddling(features: Features) -> Array:
     """`min(z_left - z_handle, 0) + min(z_handle - z_right, 0)` [m]: left pad above the bar, right pad below it."""
     height = scalars(features.handle_position[..., 2])
     return np.minimum(features.left_pad_height - height, 0.0) + np.minimum(height - features.right_pad_height, 0.0)
 
 
-def penalty_coefficients(total_steps: NDArray[np.int64] | int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def penalty_coefficients(total_steps: NDArray[np.int64] | int) -> tuple[Array, Array]:
     """Returns the weights `(...)` of the action's change and of the joint speeds, after `(...)` total control steps."""
     late = np.multiply(1.0, total_steps >= LATE_STAGE)
     return 1e-3 * (1.0 + late), 2e-7 * late
 
 
-def effort(
-    features: Features, action_change: NDArray[np.float64], total_steps: NDArray[np.int64] | int
-) -> NDArray[np.float64]:
+def effort(features: Features, action_change: Array, total_steps: NDArray[np.int64] | int) -> Array:
     """`-k_action * |a - a_before|^2 - k_velocity * |v|^2`, `v` the 8 joint velocities; the weights grow once."""
     of_action, of_velocity = penalty_coefficients(total_steps)
     change = np.minimum(np.abs(action_change), _CHANGE_LIMIT)
@@ -98,7 +97,7 @@ def effort(
     return -(of_action * rotations.squared_length(change) + of_velocity * speeds)
 
 
-def termination(terminated: NDArray[np.bool_]) -> NDArray[np.float64]:
+def termination(terminated: NDArray[np.bool_]) -> Array:
     """`-10` on a step that terminates the episode."""
     # 0, not -0, elsewhere.
     return 0.0 + np.multiply(-10.0, terminated)
@@ -110,7 +109,7 @@ def terminates(features: Features) -> NDArray[np.bool_]:
     return behind | (np.maximum.reduce(np.abs(features.joint_velocities), axis=-1) > _SPEED_LIMIT)
 
 
-def succeeds(drawer_position: NDArray[np.float64] | float) -> NDArray[np.bool_]:
+def succeeds(drawer_position: Array | float) -> NDArray[np.bool_]:
     """Whether `(...)` a drawer is open by 0.3 m or more."""
     return np.greater_equal(drawer_position, SUCCESS_OPENING)
 
@@ -123,16 +122,16 @@ class Grip(NamedTuple):
       gap: `(...)`, distance between the bar and the farther pad [m], never negative.
     """
 
-    enclosure: NDArray[np.float64]
-    gap: NDArray[np.float64]
+    enclosure: Array
+    gap: Array
 
     @property
-    def holding(self) -> NDArray[np.float64]:
+    def holding(self) -> Array:
         """`(...)` in [0, 1]: 1 where both pads touch the bar, half of that where one is 1 mm off it."""
         return self.enclosure / (1.0 + self.gap / _HALF_HELD)
 
 
-def bar_in_gripper_frame(features: Features) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def bar_in_gripper_frame(features: Features) -> tuple[Array, Array]:
     """Returns the bar's pose as seen from the gripper.
 
     Returns:
@@ -169,18 +168,18 @@ def grip(features: Features, handle_radius: float) -> Grip:
     return Grip(enclosure, np.maximum(np.maximum(left, right), 0.0))
 
 
-def grasp_orientation(features: Features) -> NDArray[np.float64]:
+def grasp_orientation(features: Features) -> Array:
     """`4 * cos(a)`, `a` the angle between gripper and handle frame, however far the drawer is open."""
     return 4.0 * alignment(features)
 
 
-def grip_closing(held: Grip, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:
+def grip_closing(held: Grip, gripper: Array | float) -> Array:
     """`4 * e * (1 - tanh(s / 0.02)) - 20 * (1 - e) * (0.04 - g)`, `g` the target of the fingers [m]."""
     closing_around = 4.0 * held.enclosure * (1.0 - np.tanh(held.gap / 0.02))
     return closing_around - 20.0 * (1.0 - held.enclosure) * (GRIPPER_OPEN - gripper)
 
 
-def grasp_opening(features: Features, held: Grip) -> NDArray[np.float64]:
+def grasp_opening(features: Features, held: Grip) -> Array:
     """`50 * h * o + 10 * min(v, h * v)`, `o` the drawer's position [m] in [0, 1], `v` how fast it opens [m/s]."""
     holding, velocity = held.holding, features.drawer_velocity
     position = np.minimum(np.maximum(features.drawer_position, 0.0), 1.0)
@@ -188,19 +187,19 @@ def grasp_opening(features: Features, held: Grip) -> NDArray[np.float64]:
     return 50.0 * holding * position + 10.0 * np.minimum(velocity, holding * velocity)
 
 
-def _inside(share: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inside(share: Array) -> Array:
     """Returns 1 for shares up to two thirds of the way from the middle to the end, falling linearly to 0 at the end."""
     return np.clip(3.0 * (1.0 - np.abs(share)), 0.0, 1.0)
 
 
-def _term(formula: Callable[[Features], NDArray[np.float64]]) -> RewardTerm:
+def _term(formula: Callable[[Features], Array]) -> RewardTerm:
     """Returns the term of a reward that depends on the features after the step alone."""
     return lambda before, action, after: formula(after.view)
 
 
 # The change may be infinite; the term bounds it.
 @np.errstate(over="ignore")
-def _effort_term(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+def _effort_term(before: Any, action: Array, after: Any) -> Array:
     return effort(after.view, action - before.previous_action, before.total_steps)
 
 

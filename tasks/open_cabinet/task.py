@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 from dm_control import mjcf
-from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import OpenCabinetScene
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
@@ -170,7 +170,7 @@ class OpenCabinetTask(OpeningTask):
             "randomization": {name: self.variations.randomizer.values[full] for name, full in self._randomized.items()},
         }
 
-    def _values_in(self, state: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+    def _values_in(self, state: Mapping[str, Any]) -> dict[str, Array]:
         randomized = {full: state["randomization"][name] for name, full in self._randomized.items()}
         return {**randomized, **super()._values_in(state)}
 

@@ -14,6 +14,7 @@ from dm_control.composer.variation import distributions
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import ParameterType
 
 Variation = Any
@@ -33,16 +34,16 @@ class Choice(variation.Variation):
       high: greatest value, elementwise.
     """
 
-    def __init__(self, values: NDArray[np.float64]) -> None:
+    def __init__(self, values: Array) -> None:
         self.values = values
         self.low, self.high = np.asarray(values.min(axis=0)), np.asarray(values.max(axis=0))
 
     def __call__(
         self, initial_value: Any = None, current_value: Any = None, random_state: np.random.RandomState | None = None
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         return self.values[(random_state or np.random).randint(len(self.values))]
 
-    def about(self, default: NDArray[np.float64]) -> Self:
+    def about(self, default: Array) -> Self:
         """Returns the same values, which are absolute."""
         return self
 
@@ -70,7 +71,7 @@ class Bands(variation.Variation):
 
     def __call__(
         self, initial_value: Any = None, current_value: Any = None, random_state: np.random.RandomState | None = None
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         # One draw for each element chooses the interval and the place in it.
         places = (random_state or np.random).random_sample(self._shape)
         if not self._last:
@@ -80,7 +81,7 @@ class Bands(variation.Variation):
         low, high = (self.intervals[(index, side, *self._columns)] for side in (0, 1))
         return low + (places - index) * (high - low)
 
-    def about(self, default: NDArray[np.float64]) -> "Bands":
+    def about(self, default: Array) -> "Bands":
         """Returns the same intervals in the shape of a parameter's default value."""
         count, _, *shape = self.intervals.shape
         intervals = self.intervals if shape else self.intervals.reshape(count, 2, *np.ones_like(default.shape))
@@ -93,7 +94,7 @@ class Bands(variation.Variation):
 class Offsets(Bands):
     """Intervals about a parameter's default value, which is read from the model."""
 
-    def about(self, default: NDArray[np.float64]) -> Bands:
+    def about(self, default: Array) -> Bands:
         """Returns the intervals about a default value, in its shape."""
         return Bands(default + super().about(default).intervals)
 
@@ -185,9 +186,7 @@ def _distribution(
     return Choice(np.array(arrays)) if kind == "choice" else _of_arguments(DISTRIBUTIONS[kind], arrays, shown, what)
 
 
-def _of_arguments(
-    distribution: _Distribution, arrays: list[NDArray[np.float64]], shown: str, what: str
-) -> variation.Variation:
+def _of_arguments(distribution: _Distribution, arrays: list[Array], shown: str, what: str) -> variation.Variation:
     """Returns a distribution with given arguments, and draws from it once, so that numpy checks them."""
     if len(arrays) != len(distribution.arguments):
         raise ValueError(f"{what} must have {' and '.join(distribution.arguments)}, got {shown}")
@@ -205,7 +204,7 @@ def _of_arguments(
     return result
 
 
-def _argument(value: Any, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
+def _argument(value: Any, shape: tuple[int, ...], what: str) -> Array:
     """Returns an argument, or a value to choose, in a given shape."""
     array = checks.array_of(value, what)
     if array.shape not in ((), shape):
@@ -239,11 +238,11 @@ class ParameterVariation:
         """Returns the distribution of a split, one of `SPLITS`."""
         return {"seen": self.seen, "held_out": self.held_out}[split]
 
-    def about(self, default: NDArray[np.float64]) -> Self:
+    def about(self, default: Array) -> Self:
         """Returns the variation of a parameter with a default value, with distributions in its shape."""
         return dataclasses.replace(self, seen=self.seen.about(default), held_out=self.held_out.about(default))
 
-    def range(self, default: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def range(self, default: Array) -> tuple[Array, Array]:
         """Returns the least and the greatest value of each element: over both distributions, limits and a default."""
         both = self.about(default)
         low, high = self.limits or (default, default)

@@ -7,6 +7,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes import inverse_kinematics
@@ -61,7 +62,7 @@ class Clearance:
         return np.flatnonzero(meets)
 
     def _sphere_meets_box(
-        self, data: mujoco.MjData, offset: NDArray[np.float64], *, box: NDArray[np.int64], sphere: NDArray[np.int64]
+        self, data: mujoco.MjData, offset: Array, *, box: NDArray[np.int64], sphere: NDArray[np.int64]
     ) -> NDArray[np.bool_]:
         """Returns whether spheres at an offset `(n, 3)` from geoms meet the bounding boxes of these [m]."""
         rotations = data.geom_xmat[box].reshape(-1, 3, 3)
@@ -120,9 +121,7 @@ class Reach:
         pairs = zip(self._handles, self._solutions, strict=True)
         return all(self._solve(data, handle, solution, steps=15) is not None for handle, solution in pairs)
 
-    def _solve(
-        self, data: mujoco.MjData, handle: int, start: NDArray[np.float64], steps: int
-    ) -> NDArray[np.float64] | None:
+    def _solve(self, data: mujoco.MjData, handle: int, start: Array, steps: int) -> Array | None:
         """Returns joint positions `(7,)` with the hand within 5 mm of a handle [rad]; None if none are found."""
         target, joints = data.site_xpos[handle].copy(), start
         for _ in range(steps):

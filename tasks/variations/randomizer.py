@@ -10,6 +10,7 @@ from dm_control import mjcf
 from dm_control.composer import variation
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.tasks.variations import distributions
 from kitchen_suite.tasks.variations.distributions import Variation
@@ -26,7 +27,7 @@ DERIVED_FIELDS = (
     "actuator_acc0",
 )
 
-Values = dict[str, NDArray[np.float64]]
+Values = dict[str, Array]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,7 +44,7 @@ class Draw:
     parameter: Parameter
     variation: Variation
     label: str
-    bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+    bounds: tuple[Array, Array] | None = None
 
 
 class Randomizer:
@@ -54,8 +55,8 @@ class Randomizer:
       defaults: values of the built scene by name.
     """
 
-    values: Mapping[str, NDArray[np.float64]]
-    defaults: Mapping[str, NDArray[np.float64]]
+    values: Mapping[str, Array]
+    defaults: Mapping[str, Array]
 
     def __init__(self, physics: mjcf.Physics, draws: Iterable[Draw]) -> None:
         """Reads the values of the built scene.
@@ -121,7 +122,7 @@ class Randomizer:
             name: self._parameters[name].type.checked(value, self._draws[name].label) for name, value in values.items()
         }
 
-    def set(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def set(self, values: Mapping[str, Array]) -> None:
         """Sets checked values of all parameters in the scene as it was built, and updates the kinematics."""
         if not self._parameters:
             return

@@ -8,9 +8,9 @@ from typing import Any
 import mujoco
 import numpy as np
 from dm_control import mjcf
-from numpy.typing import NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.variations import distributions
@@ -33,9 +33,9 @@ class VariationRequest:
     """
 
     excluded: frozenset[str] = frozenset()
-    values: Mapping[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
+    values: Mapping[str, Array] = dataclasses.field(default_factory=dict)
 
-    def applied(self, drawn: Values, defaults: Mapping[str, NDArray[np.float64]]) -> Values:
+    def applied(self, drawn: Values, defaults: Mapping[str, Array]) -> Values:
         """Returns the values of a reset, given those drawn and the defaults of all parameters."""
         chosen = {name: defaults[name] if name in self.excluded else drawn[name] for name in drawn}
         return {**chosen, **self.values}
@@ -58,7 +58,7 @@ class Variations:
     """
 
     randomizer: Randomizer
-    ranges: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+    ranges: Mapping[str, tuple[Array, Array]]
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class Variations:
         *,
         handles: Sequence[mjcf.Element],
         parameters: Sequence[Parameter],
-        home: NDArray[np.float64] | None = None,
+        home: Array | None = None,
         correct: Callable[[Values], Values] = lambda values: values,
         first: Sequence[Draw] = (),
     ) -> None:
@@ -142,7 +142,7 @@ class Variations:
                 raise ValueError(f"variation's {name} must be within {bounds}, got {value.tolist()}")
 
     @property
-    def values(self) -> dict[str, NDArray[np.float64]]:
+    def values(self) -> dict[str, Array]:
         """Current values of the parameters that vary, in fresh arrays."""
         return {name: np.array(self.randomizer.values[name]) for name in self.by_name}
 
@@ -221,7 +221,7 @@ class Variations:
         self,
         physics: mjcf.Physics,
         check: LayoutCheck,
-        start: NDArray[np.float64],
+        start: Array,
         drawn: Values,
         request: VariationRequest,
         seed: int,
@@ -244,7 +244,7 @@ class Variations:
         if trial is not request:
             self._set(physics, start, request.applied(drawn, defaults))
 
-    def _set(self, physics: mjcf.Physics, start: NDArray[np.float64], values: Values) -> None:
+    def _set(self, physics: mjcf.Physics, start: Array, values: Values) -> None:
         """Sets values at a start state, corrected by the task."""
         physics.data.qpos[:] = start
         self._apply(values)
@@ -253,7 +253,7 @@ class Variations:
             physics.data.qpos[:] = start
             self._apply(corrected)
 
-    def _apply(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def _apply(self, values: Mapping[str, Array]) -> None:
         """Sets values in the physics, and moves the furniture with them."""
         self.randomizer.set(values)
         self.place_fixed()

@@ -11,11 +11,12 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
 from kitchen_suite.cli.command import Command
-from kitchen_suite.settings import flag, num_episodes_flag, output_flag, seed_flag
+from kitchen_suite.settings import FAILURE, USAGE, flag, num_episodes_flag, output_flag, seed_flag
 
 
 class UsageError(Exception):
@@ -33,8 +34,7 @@ class Settings:
 class Job:
     """Does as the test says."""
 
-    failures = (OSError,)
-    usage_errors = (UsageError,)
+    errors: ClassVar = {UsageError: USAGE, OSError: FAILURE}
 
     def __init__(self, settings):
         self.settings = settings
@@ -150,10 +150,10 @@ def test_a_gl_library_is_prepared_for_jobs_that_render(wanted, monkeypatch):
 SCRIPT = """
 import os, signal, sys
 from kitchen_suite.cli import command
-from kitchen_suite.settings import PlaySettings
+from kitchen_suite.settings import FAILURE, PlaySettings
 
 class Job:
-    failures, usage_errors = (OSError,), ()
+    errors = {{OSError: FAILURE}}
 
     def __init__(self, settings):
         self.count = settings.num_episodes

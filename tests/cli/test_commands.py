@@ -291,7 +291,7 @@ class Prepared:
 
     def __init__(self, name, settings):
         self._job = pkgutil.resolve_name(COMMANDS[name].job)(settings)
-        self.failures, self.usage_errors = self._job.failures, self._job.usage_errors
+        self.errors = self._job.errors
 
     def run(self):
         return True

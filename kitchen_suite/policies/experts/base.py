@@ -12,8 +12,9 @@ from dm_control import composer
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.policies.experts.encoders import ActionEncoder
-from kitchen_suite.policies.experts.skills import Array, Skill
+from kitchen_suite.policies.experts.skills import Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks.mdp import ActionMode
 
@@ -47,6 +48,8 @@ class Expert(abc.ABC):
     """A policy on observations alone; one instance plays one episode at a time.
 
     Subclasses read the observation and plan the trajectories; an encoder turns these into actions of a control mode.
+    Their constructors take `style`, the speed, noise and jitter of the motions; and, as the environment has them,
+    `control_mode` and the arguments of that mode.
 
     Attributes:
       control_modes: classes of the control modes by name; the first is the default.

@@ -10,8 +10,9 @@ import mink
 import numpy as np
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
-from kitchen_suite.policies.experts.skills import CLOSED, OPEN, Array
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN
 from kitchen_suite.policies.experts.trajectories import HandSpeedLimits, JointSpeedLimits
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes import end_effector

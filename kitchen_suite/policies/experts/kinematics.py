@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 from dm_control import mjcf
 
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.franka_specs import FrankaSpec
 from kitchen_suite.entities.robot import Arm, ArmSpec, Robot
 from kitchen_suite.entities.scenes import SiteArena
-from kitchen_suite.policies.experts.skills import Array
 
 ARM = slice(0, 7)  # The Franka's arm's joints among the robot's; the fingers' joints follow.
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities import KitchenArena, Scene, build_kitchen_scene
 from kitchen_suite.entities.arms import FRANKA
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.robot import Arm, ArmSpec
 from kitchen_suite.policies.experts import kitchen_skills
@@ -22,7 +23,7 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
-from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Skill
+from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks import observables
 from kitchen_suite.tasks.control_modes.modes import make_mode

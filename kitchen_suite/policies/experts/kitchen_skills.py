@@ -8,14 +8,13 @@ from types import MappingProxyType
 import mink
 import numpy as np
 
-from kitchen_suite.entities.assets import Vector
+from kitchen_suite.entities.assets import Array, Vector
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.policies.experts.skills import (
     CLOSED,
     OPEN,
     UNLIMITED,
     ArcMove,
-    Array,
     HandOrientation,
     Move,
     Prismatic,

@@ -13,7 +13,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Vector
+from kitchen_suite.entities.assets import Array, Vector
 from kitchen_suite.entities.designs import MAX_PARTS, KitchenDesign, build_generated_kitchen
 from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
 from kitchen_suite.entities.props import Prop
@@ -25,7 +25,7 @@ from kitchen_suite.policies.experts.encoders import ActionEncoder, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
 from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, BACK, DOWN, FIXED_SKILLS, SKILLS, direction
-from kitchen_suite.policies.experts.skills import ArcMove, Array, HandOrientation, Move, Prismatic, Revolute, Skill
+from kitchen_suite.policies.experts.skills import ArcMove, HandOrientation, Move, Prismatic, Revolute, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
@@ -111,15 +111,7 @@ class PartExpert(Expert):
         control_mode: str = "joint_velocity",
         **control_options: Any,
     ) -> None:
-        """Builds an expert for a kitchen.
-
-        Args:
-          design: of the kitchen.
-          num_slots: number of slots that are observed.
-          style: speed, noise and jitter of the motions.
-          control_mode: the environment's.
-          **control_options: arguments of the control mode: the environment's.
-        """
+        """Builds an expert for a kitchen of which `num_slots` slots are observed; others as of every `Expert`."""
         self._kitchen, self.observation_size = _kitchen(design), size(num_slots)
         super().__init__(style, make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model()))
 

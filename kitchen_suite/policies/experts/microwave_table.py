@@ -8,12 +8,13 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite.entities import MicrowaveTableArena, build_microwave_table_scene
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.policies.experts import skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
 from kitchen_suite.policies.experts.kitchen_skills import UP, grasp
 from kitchen_suite.policies.experts.open_cabinet import panda_model
-from kitchen_suite.policies.experts.skills import CLOSED, OPEN, ArcMove, Array, HandOrientation, Move, Revolute, Skill
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN, ArcMove, HandOrientation, Move, Revolute, Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import make_mode
@@ -57,13 +58,7 @@ class MicrowaveExpert(Expert):
     def __init__(
         self, *, style: MotionStyle | None = None, control_mode: str = "joint_offset", **control_options: Any
     ) -> None:
-        """Builds the expert.
-
-        Args:
-          style: speed, noise and jitter of the motions.
-          control_mode: the environment's.
-          **control_options: arguments of the control mode: the environment's.
-        """
+        """Builds the expert; arguments as of every `Expert`."""
         mode = make_mode(control_mode, CONTROL_MODES, control_options)
         super().__init__(style, make_encoder(mode, panda_model(MicrowaveTableArena)))
 

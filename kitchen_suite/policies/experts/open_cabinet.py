@@ -11,12 +11,12 @@ import numpy as np
 
 from kitchen_suite import checks
 from kitchen_suite.entities import PANDA, OpenCabinetArena, SiteArena
-from kitchen_suite.entities.assets import Vector
+from kitchen_suite.entities.assets import Array, Vector
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
-from kitchen_suite.policies.experts.skills import CLOSED, OPEN, Array, HandOrientation, Move, Skill
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
@@ -79,14 +79,7 @@ class DrawerExpert(Expert):
         control_mode: str = "joint_offset",
         **control_options: Any,
     ) -> None:
-        """Builds an expert for a drawer.
-
-        Args:
-          drawer: `top` or `bottom`.
-          style: speed, noise and jitter of the motions.
-          control_mode: the environment's.
-          **control_options: arguments of the control mode: the environment's.
-        """
+        """Builds an expert for a drawer, `top` or `bottom`; other arguments as of every `Expert`."""
         self._skill = _pull_skill(checks.choice(drawer, DRAWERS, "drawer"))
         mode = make_mode(control_mode, OFFSET_MODES, control_options)
         super().__init__(style, make_encoder(mode, panda_model(OpenCabinetArena)))

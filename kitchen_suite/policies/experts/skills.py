@@ -5,11 +5,9 @@ from typing import Self
 
 import mink
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from kitchen_suite.entities.assets import Vector
-
-Array = NDArray[np.float64]
+from kitchen_suite.entities.assets import Array, Vector
 
 # Opening of each finger [m].
 OPEN, CLOSED = 0.04, 0.0

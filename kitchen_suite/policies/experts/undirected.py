@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.policies.experts.kitchen import KitchenExpert
-from kitchen_suite.policies.experts.skills import Array
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.goals import GoalSet, Thresholds
 from kitchen_suite.tasks.kitchen.goals import GOALS
