@@ -163,7 +163,8 @@ class Progress(NamedTuple):
     @property
     def steps_since_completion(self) -> NDArray[np.int64]:
         """`(...)`, control steps since a task was completed for the first time, or since the reset."""
-        return self.step[..., 0] - np.maximum.reduce(self.completion_steps, axis=-1, initial=0)
+        last = np.maximum.reduce(self.completion_steps, axis=-1, initial=0)
+        return self.step[..., 0] - last
 
     @property
     def all_completed(self) -> NDArray[np.bool_]:
