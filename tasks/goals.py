@@ -18,7 +18,6 @@ from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import joint_types
 from kitchen_suite.entities.scenes import Scene
 
@@ -99,7 +98,7 @@ class Goal:
         return scene.elements(self.prop, self.joints)
 
 
-def goal_distances(achieved: NDArray, desired: NDArray, starts: Sequence[int] | NDArray) -> Array:
+def goal_distances(achieved: NDArray, desired: NDArray, starts: Sequence[int] | NDArray) -> NDArray[np.float64]:
     """Returns the Euclidean distance of each task's values from its goal.
 
     Args:
@@ -163,8 +162,7 @@ class Progress(NamedTuple):
     @property
     def steps_since_completion(self) -> NDArray[np.int64]:
         """`(...)`, control steps since a task was completed for the first time, or since the reset."""
-        last = np.maximum.reduce(self.completion_steps, axis=-1, initial=0)
-        return self.step[..., 0] - last
+        return self.step[..., 0] - np.maximum.reduce(self.completion_steps, axis=-1, initial=0)
 
     @property
     def all_completed(self) -> NDArray[np.bool_]:
@@ -186,7 +184,7 @@ class GoalSet:
     tasks: tuple[str, ...]
     goals: tuple[Goal, ...]
     starts: NDArray[np.int64]
-    desired: Array
+    desired: NDArray[np.float64]
 
     @classmethod
     def build(
@@ -248,7 +246,7 @@ class GoalSet:
         stops = [*self.starts[1:], self.desired.size]
         return {task: slice(start, stop) for task, start, stop in zip(self.tasks, self.starts, stops, strict=True)}
 
-    def distances(self, achieved: NDArray, desired: NDArray | None = None) -> Array:
+    def distances(self, achieved: NDArray, desired: NDArray | None = None) -> NDArray[np.float64]:
         """Returns distances `(..., n)` of the tasks' values `(..., k)` from their goals, or from others `(..., k)`."""
         return goal_distances(achieved, self.desired if desired is None else desired, self.starts)
 
@@ -264,11 +262,13 @@ class Success(abc.ABC):
         self.goals = goals
 
     @abc.abstractmethod
-    def ratios(self, achieved: Array) -> Array:
+    def ratios(self, achieved: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the distances `(..., n)` of achieved goals `(..., k)` from completion, which has those up to 1."""
 
     @abc.abstractmethod
-    def within(self, achieved: Array, desired: Array | None = None, factor: float = 1.0) -> NDArray[np.bool_]:
+    def within(
+        self, achieved: NDArray[np.float64], desired: NDArray[np.float64] | None = None, factor: float = 1.0
+    ) -> NDArray[np.bool_]:
         """Returns whether `(..., n)` each task is complete.
 
         Args:
@@ -277,7 +277,7 @@ class Success(abc.ABC):
           factor: by which thresholds or tolerances are greater.
         """
 
-    def within_distances(self, distances: Array) -> NDArray[np.bool_] | None:
+    def within_distances(self, distances: NDArray[np.float64]) -> NDArray[np.bool_] | None:
         """Returns whether `(..., n)` tasks at some distances from their goals are complete; None if that needs more."""
         return None
 
@@ -289,17 +289,19 @@ class ThresholdSuccess(Success):
       thresholds: of all tasks, or `(n,)` [rad, m].
     """
 
-    def __init__(self, goals: GoalSet, thresholds: float | Array) -> None:
+    def __init__(self, goals: GoalSet, thresholds: float | NDArray[np.float64]) -> None:
         super().__init__(goals)
         self.thresholds = thresholds
 
-    def ratios(self, achieved: Array) -> Array:
+    def ratios(self, achieved: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.goals.distances(achieved) / self.thresholds
 
-    def within(self, achieved: Array, desired: Array | None = None, factor: float = 1.0) -> NDArray[np.bool_]:
+    def within(
+        self, achieved: NDArray[np.float64], desired: NDArray[np.float64] | None = None, factor: float = 1.0
+    ) -> NDArray[np.bool_]:
         return self.goals.distances(achieved, desired) < factor * self.thresholds
 
-    def within_distances(self, distances: Array) -> NDArray[np.bool_]:
+    def within_distances(self, distances: NDArray[np.float64]) -> NDArray[np.bool_]:
         return distances < self.thresholds
 
 
@@ -321,20 +323,22 @@ class StrictSuccess(Success):
         ]
         self._tolerances = np.array([tolerance for each in tolerances for tolerance in each])
 
-    def within(self, achieved: Array, desired: Array | None = None, factor: float = 1.0) -> NDArray[np.bool_]:
+    def within(
+        self, achieved: NDArray[np.float64], desired: NDArray[np.float64] | None = None, factor: float = 1.0
+    ) -> NDArray[np.bool_]:
         return self.ratios(achieved, desired) <= factor
 
-    def ratios(self, achieved: Array, desired: Array | None = None) -> Array:
+    def ratios(self, achieved: NDArray[np.float64], desired: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         desired = self.goals.desired if desired is None else desired
         errors = np.abs(achieved - desired) / self._tolerances
-        ratios: Array = np.maximum.reduceat(errors, self.goals.starts, axis=-1)
+        ratios: NDArray[np.float64] = np.maximum.reduceat(errors, self.goals.starts, axis=-1)
         for number in self._free:
             start = self.goals.starts[number]
             ratios[..., number] = _pose_ratio(achieved[..., start : start + 7], desired[..., start : start + 7])
         return ratios
 
 
-def _pose_ratio(pose: Array, goal: Array) -> Array:
+def _pose_ratio(pose: NDArray[np.float64], goal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the greater of the distances `(...)` of poses in position and in tilt, in units of their tolerances."""
     position = goal_distances(pose[..., :3], goal[..., :3], (0,))[..., 0]
     # The chord between the verticals, twice the sine of half their angle; quaternions may be of any length but 0.
@@ -343,7 +347,7 @@ def _pose_ratio(pose: Array, goal: Array) -> Array:
     return np.maximum(position / _POSITION_TOLERANCE, chord / (2.0 * np.sin(_TILT_TOLERANCE / 2.0)))
 
 
-def _vertical(quaternion: Array) -> Array:
+def _vertical(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the vertical axis `(..., 3)` of an object with an orientation `(..., 4)`."""
     w, x, y, z = np.moveaxis(quaternion, -1, 0)
     axis = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=-1)
