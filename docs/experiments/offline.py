@@ -58,8 +58,13 @@ EPISODES = 100
 # Seeds that neither recordings nor training use.
 FIRST_SEED = 400_000_000
 
-# From offline to online: the set that is cloned, and control steps of PPO in fast physics after it.
-ONLINE_SET, ONLINE_STEPS = "complete", 500_000
+# From offline to online: the set that is cloned, and control steps of PPO in fast physics after it. Updates are small:
+# with little noise of exploration, one of the usual size is a large change of the policy, and undoes what was cloned.
+ONLINE_SET, ONLINE_STEPS = "mixed", 1_000_000
+SMALL_UPDATES = {
+    **{"num_envs": 64, "rollouts": 128, "mini_batches": 8, "learning_rate": 5e-6, "kl_target": 0.01},
+    **{"exploration": 0.05, "value_batches": 10, "discount": 0.99},
+}
 
 
 class Cell(NamedTuple):
@@ -183,9 +188,9 @@ def write_online(folder: Path) -> None:
         cell, row = Cell("ppo", ONLINE_SET, seed), {"seed": seed}
         for stage, steps in (("clone", 0), ("online", ONLINE_STEPS)):
             name = f"{cell.name}_{stage}"
-            fast = '--training_kwargs={"physics": "fast"}'
             flags = (f"--num_steps={steps}", f"--eval_interval={max(steps, 1)}", "--target_success=1.1", "--patience=0")
-            policy, minutes = train(folder, cell, name, *flags, fast)
+            fast = ('--training_kwargs={"physics": "fast"}', f"--hyperparameters={json.dumps(SMALL_UPDATES)}")
+            policy, minutes = train(folder, cell, name, *flags, *fast)
             row[stage] = {"steps": steps, "minutes": minutes, **score(folder, name, policy, ONLINE_SET, {})}
         rows.append(row)
         ONLINE.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")

@@ -473,6 +473,30 @@ def _over_seeds(scores: Sequence[float]) -> str:
     return f"{mean:.0f} ({mean - half:.0f} to {mean + half:.0f})"
 
 
+def offline_online_table() -> str:
+    """Returns the table of clones and of what PPO makes of them, from `docs/experiments/offline.py online`."""
+    rows = [
+        (
+            row["seed"],
+            *(with_interval(row[stage], "success") for stage in ("clone", "online")),
+            *(f"{row[stage]['mean_tasks']:.2f}" for stage in ("clone", "online")),
+            f"{row['online']['steps']:,}",
+            f"{row['online']['minutes']:.1f}",
+        )
+        for row in read_results("offline_online")
+    ]
+    header = (
+        "seed",
+        "success of the clone",
+        "after PPO",
+        "mean tasks of the clone",
+        "after PPO",
+        "control steps",
+        "minutes",
+    )
+    return markdown(header, rows)
+
+
 def kitchen_policy_table() -> str:
     """Returns the table of the whole kitchen's policies, from the result of `docs/experiments/kitchen_policy.py`."""
     rows = [
@@ -864,6 +888,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "offline_sets": offline_set_table,
     "offline_digests": offline_digest_table,
     "offline_results": offline_table,
+    "offline_online": offline_online_table,
     "mutants": mutant_table,
     "processors": processor_table,
     "processors_receipts": verified_table,
