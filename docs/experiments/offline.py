@@ -58,8 +58,7 @@ EPISODES = 100
 # Seeds that neither recordings nor training use.
 FIRST_SEED = 400_000_000
 
-# From offline to online: the set that is cloned, and control steps of PPO in fast physics after it. Updates are small:
-# with little noise of exploration, one of the usual size is a large change of the policy, and undoes what was cloned.
+# From offline to online: the set that is cloned, and control steps of PPO in fast physics after it, in small updates.
 ONLINE_SET, ONLINE_STEPS = "mixed", 1_000_000
 SMALL_UPDATES = {
     **{"num_envs": 64, "rollouts": 128, "mini_batches": 8, "learning_rate": 5e-6, "kl_target": 0.01},

@@ -103,7 +103,7 @@ def making_context(owner: ContextOwner) -> Iterator[None]:
     except (TypeError, ValueError):  # A bad argument.
         raise
     except Exception as error:
-        raise RuntimeError(_after_fork("loaded it") if _parents else _advice(library)) from error
+        raise RuntimeError(_after_fork("loaded it") if os.getpid() != _PROCESS else _advice(library)) from error
     _owners.add(owner)
     # Functions registered last are called first, and making a context may have registered the end of the display.
     atexit.unregister(_free_contexts)
@@ -162,9 +162,9 @@ _threads: weakref.WeakKeyDictionary[ContextOwner, threading.Thread] = weakref.We
 # Numbers of the processes that have made GL contexts: of this one, and of those that it was forked from.
 _processes: set[int] = set()
 
-# Numbers of the processes that this one was forked from after they had loaded a GL library. Some drivers render in no
-# process after that, others in the one that renders first.
-_parents: set[int] = set()
+# Number of the process that imported the suite, and with it a GL library: some drivers render in none that is forked
+# after that.
+_PROCESS = os.getpid()
 
 
 def _free_contexts() -> None:
@@ -174,8 +174,6 @@ def _free_contexts() -> None:
 
 def _leave_contexts() -> None:
     """Lets a forked process close environments and exit without GL calls on what it inherited: some never return."""
-    if _DM_CONTROL_RENDERER in sys.modules:
-        _parents.add(os.getppid())
     for owner in tuple(_owners):
         owner.leave_context()
     atexit.unregister(_free_contexts)
