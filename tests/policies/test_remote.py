@@ -211,14 +211,15 @@ def test_a_server_that_does_not_answer_is_given_up(port):
 
 def test_a_connection_is_closed_with_its_policy(port):
     with serving(port, lambda number, message: pack({"actions": np.zeros(SIZE)})) as address:
-        before = threading.active_count()
+        before = set(threading.enumerate())
         kept = [build(address) for _ in range(3)]
-        assert threading.active_count() > before
+        opened = set(threading.enumerate()) - before
+        assert opened
         del kept
         deadline = time.monotonic() + 20
-        while threading.active_count() > before and time.monotonic() < deadline:
+        while any(thread.is_alive() for thread in opened) and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert threading.active_count() == before
+        assert not [thread for thread in opened if thread.is_alive()]
 
 
 @pytest.mark.parametrize(
