@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 from helpers.episodes import load_episode
 from helpers.human_files import write_d4rl
+from helpers.sweeps import brief
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -467,7 +468,9 @@ KINDS = {
     "checkpoints": Checkpoints,
 }
 # PyTorch is not among what the default tests need.
-NAMES = [*[*KINDS][:-1], pytest.param("checkpoints", marks=pytest.mark.clients)]
+LONG = ["episodes", "Minari datasets"]
+QUICK = [name for name in KINDS if name not in (*LONG, "checkpoints")]
+NAMES = [*brief([*KINDS][:-1], QUICK, thorough=LONG), pytest.param("checkpoints", marks=pytest.mark.clients)]
 
 
 @pytest.fixture(scope="module")

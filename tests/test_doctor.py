@@ -7,6 +7,18 @@ from kitchen_suite.cli import commands
 from kitchen_suite.rendering import gl
 
 
+@pytest.fixture(scope="module")
+def found():
+    """The digests of this machine."""
+    return dict(doctor.digests())
+
+
+@pytest.fixture
+def quick(monkeypatch, found):
+    """The command does not play the episodes again."""
+    monkeypatch.setattr(doctor, "digests", lambda: found.items())
+
+
 @pytest.fixture
 def run(run):
     """Runs the command; returns status and stdout."""
@@ -23,7 +35,7 @@ def known_here(monkeypatch, found):
     monkeypatch.setattr(doctor, "expected", lambda here: found)
 
 
-def test_facts_are_told_a_line_each(run, monkeypatch):
+def test_facts_are_told_a_line_each(run, quick, monkeypatch):
     monkeypatch.setattr(gl, "find_library", lambda: "egl")
     status, out = run()
     lines = out.splitlines()
@@ -36,8 +48,7 @@ def test_facts_are_told_a_line_each(run, monkeypatch):
 
 
 @pytest.mark.thorough
-def test_digests_are_compared_where_they_are_known(run, monkeypatch):
-    found = dict(doctor.digests())
+def test_digests_are_compared_where_they_are_known(run, found, monkeypatch):
     assert found == dict(doctor.digests())
     assert len({*found.values()}) == len(found)
     known_here(monkeypatch, {})
@@ -51,8 +62,7 @@ def test_digests_are_compared_where_they_are_known(run, monkeypatch):
     assert (status, out.count("DIFFERS")) == (1, 1)
 
 
-def test_digests_agree_where_this_kind_is_known():
-    found = dict(doctor.digests())
+def test_digests_agree_where_this_kind_is_known(found):
     assert doctor.expected(doctor.circumstances()) in ({}, found)
 
 
@@ -62,7 +72,7 @@ def test_the_file_of_known_digests_has_every_domain():
         assert {name.partition(" ")[0] for name in record["digests"]} == {*suite.DOMAINS}
 
 
-def test_a_missing_library_is_a_fact(run, monkeypatch):
+def test_a_missing_library_is_a_fact(run, quick, monkeypatch):
     def missing():
         raise OSError("no library was found")
 

@@ -331,6 +331,7 @@ ODD = {
 }
 
 
+@pytest.mark.thorough
 @settings(max_examples=25, **ODD)
 @given(line=command_lines())
 def test_odd_arguments_end_in_one_line(folder, line):

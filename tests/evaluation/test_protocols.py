@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.errors import refused
+from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import record
@@ -34,6 +35,9 @@ VELOCITY = {"control_mode": "joint_velocity"}
 D4RL = VELOCITY | {"robot_noise_ratio": 0.1, "object_noise_ratio": 0.1}
 IN_ORDER = {"tasks_in_order": True}
 EXACTLY = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "terminate_on_tasks_completed": False}
+
+# Protocols with goals or many steps, whose tests take longer.
+LONG = ("beso", "calvin", "earl", "goal-reaching", "lexa")
 
 # Task and arguments of each condition, first seed, episodes, control steps, score; in the kitchen.
 LITERAL = {
@@ -251,7 +255,7 @@ def test_a_protocol_cannot_be_changed(settings, values):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "shift" else name for name in PROTOCOLS]
+    "name", brief(PROTOCOLS, [name for name in PROTOCOLS if name not in ("shift", *LONG)], thorough=LONG)
 )
 def test_a_protocol_has_its_numbers(name, dataset):
     made = plan(protocol=name, dataset=dataset if takes_goals(PROTOCOLS[name]) else None)

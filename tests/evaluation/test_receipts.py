@@ -47,8 +47,10 @@ def written(tmp_path_factory):
     [
         ["--policy=expert", "--variations=start,layout,push"],
         ["--domain_name=open_cabinet", "--policy=zero", "--physics=exact"],
-        ["--domain_name=microwave_table", "--policy=random", "--physics=fast"],
-        ["--protocol=diffusion-policy", "--policy=random"],
+        pytest.param(
+            ["--domain_name=microwave_table", "--policy=random", "--physics=fast"], marks=pytest.mark.thorough
+        ),
+        pytest.param(["--protocol=diffusion-policy", "--policy=random"], marks=pytest.mark.thorough),
         # Every episode ends with a reward, which is not that of the next one's reset.
         ["--policy=zero", "--task_name=kettle", '--task_kwargs={"threshold": 10}'],
     ],
@@ -211,6 +213,7 @@ def test_digests_are_those_of_observations_and_rewards(written):
     np.testing.assert_array_equal(trace.last, rows[-1].astype(np.float32))
 
 
+@pytest.mark.thorough
 def test_every_changed_byte_is_found(written):
     contents, generator = bytearray(written.read_bytes()), np.random.default_rng(0)
     target = written.with_name("changed.npz")
@@ -343,6 +346,7 @@ def short(tmp_path_factory):
     return Receipt.read(path)
 
 
+@pytest.mark.thorough
 def test_alterations_with_recomputed_digests_are_found(short, tmp_path, capsys):
     check_alterations(short, tmp_path, range(8))
 

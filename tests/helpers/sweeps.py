@@ -1,4 +1,4 @@
-"""Sweeps of which every run plays some cases, and `pytest -m slow` the others; control modes by domain."""
+"""Sweeps of which every run plays some cases, `-m thorough` and `-m slow` others; control modes by domain."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -8,22 +8,29 @@ import pytest
 from dm_env import specs
 
 
-def brief(cases: Iterable[Any], kept: Iterable[Any]) -> list[Any]:
-    """Marks all cases of a sweep but those of `kept` as slow; a case of several arguments is a tuple."""
-    cases, kept = [*cases], [*kept]
-    assert kept
-    assert all(case in cases for case in kept), kept
-    return [pytest.param(*_arguments(case), marks=() if case in kept else pytest.mark.slow) for case in cases]
+def brief(cases: Iterable[Any], kept: Iterable[Any], thorough: Iterable[Any] = ()) -> list[Any]:
+    """Marks cases of a sweep; one of several arguments is a tuple.
+
+    Every run plays those of `kept`; those of `thorough` are marked as that, and all others as slow.
+    """
+    cases = [*cases]
+    marks = _marks(cases, [*kept], [*thorough])
+    return [pytest.param(*_arguments(case), marks=mark) for case, mark in zip(cases, marks, strict=True)]
 
 
-def brief_named(cases: Mapping[str, Any], kept: Iterable[str]) -> list[Any]:
-    """Marks all cases of a sweep but those with a name of `kept` as slow; the names are the ids."""
-    assert kept
-    assert set(kept) <= set(cases), kept
+def brief_named(cases: Mapping[str, Any], kept: Iterable[str], thorough: Iterable[str] = ()) -> list[Any]:
+    """Marks cases of a sweep as `brief` does, by their names, which are the ids."""
+    marks = _marks([*cases], [*kept], [*thorough])
     return [
-        pytest.param(*_arguments(case), id=name, marks=() if name in kept else pytest.mark.slow)
-        for name, case in cases.items()
+        pytest.param(*_arguments(case), id=name, marks=mark)
+        for (name, case), mark in zip(cases.items(), marks, strict=True)
     ]
+
+
+def _marks(cases: list[Any], kept: list[Any], thorough: list[Any]) -> list[Any]:
+    assert kept
+    assert all(case in cases for case in (*kept, *thorough)), (kept, thorough)
+    return [() if case in kept else pytest.mark.thorough if case in thorough else pytest.mark.slow for case in cases]
 
 
 def _arguments(case: Any) -> tuple[Any, ...]:

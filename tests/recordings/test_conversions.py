@@ -73,6 +73,7 @@ def check_round_trip(run, name):
     assert digest("back") == digest("runs")
 
 
+@pytest.mark.thorough
 def test_a_dataset_of_a_recording_becomes_the_recording_again(make, run):
     make(*SHORT)
     check_round_trip(run, "d4rl")

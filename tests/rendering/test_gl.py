@@ -136,7 +136,10 @@ except RuntimeError as error:
 
 
 @pytest.mark.rendering
-@pytest.mark.parametrize(("end", "printed"), [("os._exit", ["True", "7"]), ("sys.exit", ["True"])])
+@pytest.mark.parametrize(
+    ("end", "printed"),
+    [("os._exit", ["True", "7"]), pytest.param("sys.exit", ["True"], marks=pytest.mark.thorough)],
+)
 def test_rendering_in_a_forked_process_is_an_error_and_does_not_hang(end, printed):
     status, out, _ = run(FORKING.replace("{end}", end), UNSET)
     assert out.split() == printed * 4
@@ -191,6 +194,7 @@ def test_an_error_in_a_thread_is_not_blamed_on_a_context_that_was_freed():
         pool.submit(render).result()
 
 
+@pytest.mark.thorough
 @pytest.mark.rendering
 def test_rendering_without_mujoco_gl_works_and_leaves_stderr_empty():
     assert run(RENDERING, UNSET) == (0, "", "")

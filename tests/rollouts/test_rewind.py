@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from helpers.sweeps import brief
 
 from kitchen_suite.cli.commands import replay
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -47,7 +48,7 @@ def played(rollout, policy, backs):
     return rollout.buffer.arrays()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", brief(KINDS, ["kitchen"], thorough=KINDS))
 def test_what_is_left_is_as_if_it_had_never_gone_otherwise(kind, tmp_path):
     spec = spec_of(**KINDS[kind])
     size = suite_env(spec.make_environment()).action_space.shape[0]

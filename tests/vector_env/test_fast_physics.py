@@ -6,7 +6,7 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from helpers.sweeps import walk
+from helpers.sweeps import brief, walk
 from test_vector_autoreset import COUNT, MODES, assert_equal_for_ever, pair
 
 from kitchen_suite import policies, suite
@@ -14,6 +14,7 @@ from kitchen_suite.cli.commands import record, replay, rollout
 
 IDS = {name: suite.DOMAINS[name].env_id for name in ("kitchen", "microwave_table")}
 LAYOUT = {"variations": ["start", "dynamics", "layout"]}
+TASKS = ["kettle", "microwave", "light_switch"]
 
 
 def load(domain="kitchen", **options):
@@ -31,7 +32,7 @@ def test_control_steps_are_as_long_and_physics_steps_are_longer(domain, steps):
     assert fast.observation_spec() == exact.observation_spec()
 
 
-@pytest.mark.parametrize("task", ["kettle", "microwave", "light_switch"])
+@pytest.mark.parametrize("task", brief(TASKS, TASKS[:1], thorough=TASKS))
 def test_the_expert_succeeds_in_about_as_many_steps(task):
     steps = []
     for physics in ("exact", "fast"):
@@ -56,10 +57,11 @@ def test_objects_at_rest_sleep_and_the_robot_does_not():
     assert np.delete(asleep, robot).all()
 
 
+TWO_TASKS = {"control_mode": "ee_delta_pose", "tasks_per_episode": 2, **LAYOUT}
 CASES = [
     ("kitchen", "NextStep", {}),
-    ("kitchen", "SameStep", {"control_mode": "joint_position", **LAYOUT}),
-    ("kitchen", "Disabled", {"control_mode": "ee_delta_pose", "tasks_per_episode": 2, **LAYOUT}),
+    pytest.param("kitchen", "SameStep", {"control_mode": "joint_position", **LAYOUT}, marks=pytest.mark.thorough),
+    pytest.param("kitchen", "Disabled", TWO_TASKS, marks=pytest.mark.thorough),
     pytest.param("kitchen", "NextStep", {"control_mode": "joint_delta"}, marks=pytest.mark.slow),
     pytest.param("kitchen", "SameStep", {"control_mode": "ee_delta_position", **LAYOUT}, marks=pytest.mark.slow),
     pytest.param("kitchen", "Disabled", {"control_mode": "ee_pose"}, marks=pytest.mark.slow),

@@ -123,11 +123,10 @@ def assert_equal_for_ever(ours, theirs, actions):
             ("paid again", "NextStep"),
             ("no noise", "Disabled"),
         ],
-        kept=[
-            ("lists", "NextStep"),
+        kept=[("lists", "NextStep"), ("dense", "SameStep")],
+        thorough=[
             ("arrays", "SameStep"),
             ("instructed", "Disabled"),
-            ("dense", "SameStep"),
             ("dense gain", "NextStep"),
             ("strict", "SameStep"),
         ],

@@ -25,17 +25,11 @@ def actions_for(domain, mode, **settings):
 
 
 # The others differ from these in a few lines, or are played by other tests.
-BRIEF = (
-    ("kitchen", "joint_position"),
-    *(("open_cabinet", mode) for mode in ("joint_delta", "ee_delta_position", "ee_pose")),
-    ("microwave_table", "ee_delta_pose"),
-    ("kitchens", "joint_delta"),
-)
+BRIEF = [("kitchen", "joint_position"), ("open_cabinet", "ee_delta_position"), ("kitchens", "joint_delta")]
+FURTHER = [("open_cabinet", "joint_delta"), ("open_cabinet", "ee_pose"), ("microwave_table", "ee_delta_pose")]
 
 
-@pytest.mark.parametrize(
-    ("domain", "mode"), [case if case in BRIEF else pytest.param(*case, marks=pytest.mark.slow) for case in CASES]
-)
+@pytest.mark.parametrize(("domain", "mode"), brief(CASES, BRIEF, thorough=FURTHER))
 def test_every_control_mode(domain, mode):
     autoreset = MODES[CASES.index((domain, mode)) % len(MODES)]
     settings = {"control_mode": mode, **DRAWS[domain]}

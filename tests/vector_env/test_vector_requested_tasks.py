@@ -39,7 +39,11 @@ def single_episodes(i, actions, mode, arguments):
     return rows
 
 
-@pytest.mark.parametrize("arguments", [{}, {"tasks_in_turn": True}], ids=["at once", "in turn"])
+@pytest.mark.parametrize(
+    "arguments",
+    [{}, pytest.param({"tasks_in_turn": True}, marks=pytest.mark.thorough)],
+    ids=["at once", "in turn"],
+)
 @pytest.mark.parametrize("mode", brief(AutoresetMode, [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP]))
 def test_every_environment_is_the_single_one_of_its_seed(mode, arguments):
     envs = make(mode, max_episode_steps=LIMIT, **arguments)

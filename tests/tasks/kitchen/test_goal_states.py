@@ -104,7 +104,9 @@ def test_states_and_copies_keep_them():
         FrankaKitchenEnv(tasks_per_episode=2, goal_states=1).set_state(state)
 
 
-@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.DISABLED])
+@pytest.mark.parametrize(
+    "mode", [AutoresetMode.SAME_STEP, pytest.param(AutoresetMode.DISABLED, marks=pytest.mark.thorough)]
+)
 def test_vectorised_kitchens_have_their_own(mode):
     arguments = {"tasks_per_episode": (1, 3), "goal_states": 2}
     envs = FrankaKitchenVectorEnv(3, num_threads=1, autoreset_mode=mode, **arguments)
