@@ -133,7 +133,8 @@ class KitchenDesign:
         """Returns a checked design.
 
         Args:
-          design: number of a design of the split, from 0; a JSON object, or the path of a file with one.
+          design: number of a design of the split, from 0; a JSON object, or the path of a file with one; or a design,
+            which is checked as well if it has no name.
           split: `train` or `test`.
 
         Raises:
@@ -142,7 +143,9 @@ class KitchenDesign:
         """
         checks.choice(split, SPLITS, "split")
         if isinstance(design, KitchenDesign):
-            return design
+            if design.name:
+                return design
+            design = design.to_json()
         if isinstance(design, str) and design.isdecimal():
             design = int(design)
         if isinstance(design, Mapping | str | os.PathLike):
@@ -294,9 +297,9 @@ def _parsed_fixture(value: object, path: str, level: str) -> FixtureDesign:
     kinds = [name for name, kind in KINDS.items() if kind.level == level]
     given = _object(value, path, ("kind",), ("width", "height", "count", "handle", "hinge", "gap"))
     kind = checks.choice(given["kind"], kinds, f"{path}.kind of level {level!r}")
-    options = {
-        name: allowed for name, allowed in KINDS[kind].options.items() if name != "hinge" or given.get("count") != 2
-    }
+    options = dict(KINDS[kind].options)
+    if "count" in options and "count" in given and _allowed(given["count"], f"{path}.count", options["count"]) == 2:
+        options.pop("hinge", None)
     fields = {"gap": 0.0, **_object(value, path, ("kind", *options), ("gap",))}
     checked = {name: _allowed(fields[name], f"{path}.{name}", each) for name, each in {**options, "gap": _GAP}.items()}
     return FixtureDesign(kind=kind, **checked)
@@ -548,8 +551,8 @@ def _add_surroundings(arena: GeneratedKitchenArena, design: KitchenDesign) -> No
     for side, inner, outer in (("left", left, left - _WALL), ("right", right, right + _WALL)):
         fronts = [placed.bounds[0][1] for placed in design.placed if placed.row.side == side]
         if fronts:
-            low, high = (min(inner, outer), min(fronts) - 0.1, FLOOR), (max(inner, outer), back + _WALL, _WALL_TOP)
-            arena.add_box(f"{side}_wall", low, high, **paint)
+            low, end = (min(inner, outer), min(fronts) - 0.1, FLOOR), max(back, *fronts) + _WALL
+            arena.add_box(f"{side}_wall", low, (max(inner, outer), end, _WALL_TOP), **paint)
 
 
 def _fillings(placed: Placed, wall: float, style: Style) -> Iterator[tuple[str, Vector, Vector, Vector]]:

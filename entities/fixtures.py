@@ -112,6 +112,8 @@ class Part:
 class Extent(NamedTuple):
     """A box in a fixture's frame: what the fixture takes up when it is closed, with its handles [m].
 
+    The handle of `wall_sliding` reaches up to 24 mm farther. Certificates measure the parts themselves.
+
     Attributes:
       low: least x, y and z.
       high: greatest ones.
@@ -279,7 +281,8 @@ class Drawers(Fixture):
             body = self._add_part("drawer", name, DRAWER_OPENING, words, joint=joint)
             low, high = (-width / 2 + GAP, 0, top - height + GAP / 2), (width / 2 - GAP, PANEL, top - GAP / 2)
             self._add_box(body, name, low, high, "front", 0.8)
-            back, floor, rim = depth - 2 * PANEL, top - height + PANEL + GAP, top - 0.3 * height
+            back, floor = depth - 2 * PANEL, top - height + PANEL + GAP
+            rim = max(top - 0.3 * height, floor + 0.01)
             self._add_box(body, f"{name}_floor", (-half, PANEL, floor), (half, back, floor + 0.01), "carcass", 0.4)
             for side, x in (("left", -half), ("right", half - 0.01)):
                 self._add_box(body, f"{name}_{side}", (x, PANEL, floor), (x + 0.01, back, rim), "carcass", 0.1)

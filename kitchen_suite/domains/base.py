@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.names import EXACT
+from kitchen_suite.names import EXACT, PHYSICS
 
 if TYPE_CHECKING:
     from kitchen_suite.entities import Scene
@@ -92,7 +92,11 @@ class Domain:
         _check_form(self.name, _NAME, "name of a domain")
         for task in self.tasks:
             _check_form(task, _NAME, "name of a task")
-        for env_id in (self.env_id, *self.task_ids.values()):
+        _check_form(self.env_id, _ENV_ID, "id of an environment")
+        if not isinstance(self.task_id, str | None):
+            raise TypeError(f"task_id must be a string, got {checks.shown(self.task_id)}")
+        checks.choice(self.physics, PHYSICS, "physics")
+        for env_id in self.task_ids.values():
             _check_form(env_id, _ENV_ID, "id of an environment")
         if len({self.env_id, *self.task_ids.values()}) <= len(self.tasks):
             raise ValueError(f"task_id {self.task_id!r} must give each task an id of its own; put {{}} for its name")

@@ -19,6 +19,7 @@ from kitchen_suite.rollouts.report import print_line, table
 from kitchen_suite.settings import FAILURE, CertifySettings
 from kitchen_suite.tasks.kitchens import certificates
 from kitchen_suite.tasks.kitchens.certificates import Certificate
+from kitchen_suite.tasks.kitchens.task import VERBS
 from kitchen_suite.tasks.variations.layouts import CLEARANCE_TOLERANCE, Clearance
 from kitchen_suite.vector_env.base import processors
 
@@ -43,12 +44,14 @@ def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
         while not timestep.last():
             timestep, count = environment.step(act(timestep)), count + 1
         steps[name] = count if task.episode_metrics["success"] else None
+    opened = {name.partition(" ")[2] for name, count in steps.items() if count and not VERBS[name.partition(" ")[0]][0]}
+    planned = reached_handles(design)
     return Certificate(
         design=number,
         digest=certificates.design_digest(design),
         physics=task.scene.physics,
         depth_mm=round(1e3 * depth, 3),
-        reached=reached_handles(design),
+        reached={name: reaches or name in opened for name, reaches in planned.items()},
         steps=steps,
     )
 
@@ -68,7 +71,7 @@ class CertifyJob:
         self._present = certificates.read(path) if path.exists() else {}
         for number in self._numbers:
             if number in self._present:
-                certificates.check_design(self._present[number], KitchenDesign.drawn(number, settings.split))
+                certificates.check_design(self._present[number], KitchenDesign.drawn(number, settings.split), path)
 
     def progress(self) -> str:
         return f"after {self._done} kitchens"

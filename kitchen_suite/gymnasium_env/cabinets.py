@@ -56,9 +56,10 @@ class KitchensEnv(SuiteEnv):
 
     Observation: 363 numbers, float32, fewer with `num_slots`; the same in all kitchens. See docs/domains/kitchens.md.
     Action: nine joint velocities in [-1, 1], float32, as in the kitchen.
-    Info: arrays `(K,)` in the order of the design's parts, with zeros in empty slots: `openings`, `goal_openings`,
-      `requested_tasks_mask`, `requested_order`, and `completion_steps`, -1 for what has not been completed. Arrays of
-      shape `()`: `is_success` and `episode_step`. With a dense reward its terms, such as `reward/approach`.
+    Info: arrays `(16,)` in the order of the design's parts: `openings`, `goal_openings` and `requested_tasks_mask`, 0
+      where there is no part; `requested_order`, -1 for what is not requested, and `completion_steps`, -1 for what has
+      not been completed. Arrays of shape `()`: `is_success` and `episode_step`. With a dense reward its terms, such as
+      `reward/approach`.
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": 1 / KITCHENS_TIMESTEP}

@@ -49,7 +49,8 @@ class KitchensVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     def _make_templates(
         self, *, design: Design | Sequence[Design] = 0, split: str = "train", **settings: Any
     ) -> Sequence[KitchensEnv]:
-        if isinstance(design, str) or not isinstance(design, Sequence | np.ndarray):
+        design = design.tolist() if isinstance(design, np.ndarray) else design
+        if isinstance(design, str) or not isinstance(design, Sequence):
             return (KitchensEnv(design, split, **settings),)
         if not len(design):
             raise ValueError("design must have at least one design, got an empty sequence")

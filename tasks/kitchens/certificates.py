@@ -17,6 +17,8 @@ from kitchen_suite.entities.designs import SPLITS, KitchenDesign
 
 _SHIPPED = Path(__file__).parent / "certificates"
 
+_BEGINNING = b'{"design":'  # Of every line.
+
 
 class Certificate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Measurements of a kitchen, and the tasks that the expert completed in it.
@@ -26,7 +28,8 @@ class Certificate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
       digest: of its design, see `design_digest`.
       physics: one of `names.PHYSICS`, in which the expert played.
       depth_mm: greatest depth of colliding parts of different fixtures in each other at the start.
-      reached: handles that the arm reaches, by name such as `drawers_1/drawer_2`; others it does not.
+      reached: by handle, such as `drawers_1/drawer_2`, whether the arm reaches it: by a planned motion, or when the
+        expert opened the part or turned it on.
       steps: control steps in which the expert completed each task from the start; None where it did not.
     """
 
@@ -49,14 +52,15 @@ def design_digest(design: KitchenDesign) -> str:
 
 
 def read(path: Path) -> dict[int, Certificate]:
-    """Returns the certificates in a file, by design; an incomplete last line is left out.
+    """Returns the certificates in a file, by design; a last one that was cut off is left out.
 
-    Raises a ValueError if there is a line that is no certificate.
+    Raises an OSError if there is anything else in the file.
     """
-    text = path.read_bytes()
-    complete = text[: text.rfind(b"\n") + 1].splitlines()
     with files.reading(path, "a file of certificates"):
-        certificates = [msgspec.json.decode(line, type=Certificate) for line in complete]
+        *lines, rest = path.read_bytes().split(b"\n")
+        if not rest.startswith(_BEGINNING[: len(rest)]):
+            raise ValueError("the last line is not a certificate")
+        certificates = [msgspec.json.decode(line, type=Certificate) for line in lines]
     return {certificate.design: certificate for certificate in certificates}
 
 
@@ -66,33 +70,35 @@ def default_path(split: str) -> Path | None:
     return None if folder is None else folder / f"certificates_{split}.jsonl"
 
 
-@functools.cache
-def _known(split: str) -> Mapping[int, Certificate]:
-    """Certificates of a split: those of the package, and those in the user's cache folder."""
-    known: dict[int, Certificate] = {}
-    for path in (default_path(split), _SHIPPED / f"{split}.jsonl"):
-        if path is not None and path.exists():
-            known |= read(path)
-    return known
+@functools.lru_cache(maxsize=4)
+def _read(path: Path, changed: int) -> Mapping[int, Certificate]:
+    """Returns what a file holds that was changed at a time [ns]."""
+    return read(path)
 
 
 def certificate_of(design: KitchenDesign) -> Certificate:
-    """Returns the certificate of a design; raises a ValueError if there is none, or it is of another design."""
+    """Returns the certificate of a design, that of the package or of the user's cache folder.
+
+    Raises a ValueError if there is none, or it is of another design, and an OSError for a file that is damaged.
+    """
     split, _, number = design.name.partition("/")
     if not number:
         raise ValueError("only kitchens of a split have certificates: certified needs a number as design")
     checks.choice(split, SPLITS, "split")
-    found = _known(split).get(int(number))
-    if found is None:
-        command = f"kitchen-certify --split={split} --designs={number}:{int(number) + 1}"
-        raise ValueError(f"kitchen {design.name} has no certificate: {command} makes one")
-    check_design(found, design)
-    return found
+    for path in (_SHIPPED / f"{split}.jsonl", default_path(split)):
+        if path is not None and path.exists():
+            found = _read(path, path.stat().st_mtime_ns).get(int(number))
+            if found is not None:
+                check_design(found, design, path)
+                return found
+    command = f"kitchen-certify --split={split} --designs={number}:{int(number) + 1}"
+    raise ValueError(f"kitchen {design.name} has no certificate: {command} makes one")
 
 
-def check_design(certificate: Certificate, design: KitchenDesign) -> None:
-    """Raises a ValueError unless a certificate is of a design."""
+def check_design(certificate: Certificate, design: KitchenDesign, path: Path) -> None:
+    """Raises a ValueError unless the certificate that a file has for a design is of this design."""
     if certificate.digest != design_digest(design):
         raise ValueError(
-            f"the certificate of kitchen {design.name} is of another design: certify it again, to a new file"
+            f"{path} has a certificate of another design as kitchen {design.name}: remove its line, or the file, and "
+            f"certify it again"
         )

@@ -93,8 +93,9 @@ class PartRequests(ResetRequests):
         self.tasks = tuple(self._slots)
         if not self.tasks:
             parts = ", ".join(sorted({part.kind for _, part in scene.parts}))
+            nothing = "nothing" if allowed is None else "nothing certified"
             raise ValueError(
-                f"kitchen {scene.design.name or 'of this design'} has nothing to {' or '.join(verbs)}: it has {parts}"
+                f"kitchen {scene.design.name or 'of this design'} has {nothing} to {' or '.join(verbs)}: it has {parts}"
             )
         # The first task of each part.
         slots = {k: (k, opens) for k, opens in reversed(self._slots.values())}
@@ -193,7 +194,8 @@ class KitchensTask(SuiteTask):
           scene: the kitchen; each task needs a scene of its own.
           verbs: keys of `VERBS`; an episode asks for parts of these.
           tasks_per_episode: number of parts that an episode asks for, or a pair of the least and greatest number.
-          certified: whether episodes ask only for what the scripted expert has completed, by the kitchen's certificate.
+          certified: whether episodes ask only for what the scripted expert has completed by joint velocities in `fast`
+            physics, as the kitchen's certificate says.
           num_slots: number of slots that are observed, and greatest number of parts that an episode may ask for.
             Requested parts come first, so with few slots a policy sees little of a kitchen but what it is asked for.
           reward: `sparse`, or `dense` or `dense_gain` as in the kitchen.
@@ -337,11 +339,23 @@ def part_words(scene: GeneratedKitchen) -> tuple[str, ...]:
     return tuple(words)
 
 
+# Difference of the directions of fixtures below which one is above the other [rad].
+_SAME_AZIMUTH = 0.01
+
+_ORDINALS = (
+    *("first ", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth "),
+    *("ninth ", "tenth ", "eleventh ", "twelfth ", "thirteenth ", "fourteenth ", "fifteenth ", "sixteenth "),
+)
+
+
 def _words(one: Placed, placed: Sequence[Placed]) -> str:
     """Returns a fixture in words, with its place among those called the same unless it is the only one."""
     words = KINDS[one.design.kind].words
     same = [each for each in placed if KINDS[each.design.kind].words == words]
     same.sort(key=lambda each: np.arctan2(each.position[0], each.position[1]))
-    ordinals = ("first ", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ")
-    few = {1: ("",), 2: ("left ", "right "), 3: ("left ", "middle ", "right ")}
-    return f"{few.get(len(same), ordinals)[same.index(one)]}{words}"
+    places = {1: ("",), 2: ("left ", "right "), 3: ("left ", "middle ", "right ")}.get(len(same), _ORDINALS)
+    azimuths = [np.arctan2(each.position[0], each.position[1]) for each in same]
+    if (np.diff(azimuths) < _SAME_AZIMUTH).any():
+        same.sort(key=lambda each: each.position[2])
+        places = ("lower ", "upper ") if len(same) == 2 else _ORDINALS
+    return f"{places[same.index(one)]}{words}"

@@ -229,6 +229,24 @@ def compiled(design, *, visuals):
     return scene, mjcf.Physics.from_mjcf_model(scene.arena.mjcf_model)
 
 
+def test_flat_drawers_and_rows_beyond_the_back_wall_can_be_built():
+    flat = {"kind": "drawers", "width": 0.4, "height": 0.16, "count": 4, "handle": "bar"}
+    compiled(changed(FIXTURE, flat), visuals=True)
+    door = {"kind": "wall_doors", "width": 0.4, "height": 0.3, "count": 1, "handle": "bar", "hinge": "right"}
+    sides = [
+        {"side": "back", "level": "wall", "distance": 0.25, "start": 0.0, "height": 2.3, "fixtures": [door]},
+        {"side": "left", "level": "wall", "distance": 0.1, "start": 0.8, "height": 1.9, "fixtures": [door]},
+    ]
+    compiled({**MINE, "rows": sides}, visuals=True)
+
+
+def test_a_design_that_was_not_read_is_checked():
+    design = KitchenDesign.make(MINE, "train")
+    assert KitchenDesign.make(design, "train") == design
+    with refused(ValueError, "rows must have at least one fixture"):
+        KitchenDesign.make(dataclasses.replace(design, rows=()), "train")
+
+
 def varied():
     """Returns numbers of the split train that have every kind of fixture between them."""
     numbers, missing = [], set(KINDS)

@@ -24,6 +24,18 @@ def certified(tmp_path_factory):
     return path
 
 
+@pytest.fixture
+def ship(tmp_path, monkeypatch):
+    """Puts certificates of `train` in place of those of the package; the user has none."""
+    monkeypatch.setattr(certificates, "_SHIPPED", tmp_path)
+    monkeypatch.setattr(certificates, "default_path", lambda split: None)
+
+    def ship(*given):
+        (tmp_path / "train.jsonl").write_bytes(b"".join(msgspec.json.encode(each) + b"\n" for each in given))
+
+    return ship
+
+
 @pytest.mark.thorough
 def test_a_kitchen_is_certified_and_the_certificate_holds(certified, capsys):
     certificate = certificates.read(certified)[DESIGN]
@@ -65,7 +77,7 @@ def test_certificates_of_other_designs_are_not_completed(tmp_path, capsys):
     path = tmp_path / "stale.jsonl"
     path.write_bytes(msgspec.json.encode(stale) + b"\n")
     assert certify.main([f"--output={path}", "--designs=0:2", "--num_workers=1"]) in (1, 2)
-    assert "train/0 is of another design" in capsys.readouterr().err
+    assert f"{path} has a certificate of another design as kitchen train/0" in capsys.readouterr().err
     assert certificates.read(path) == {0: stale}
 
 
@@ -75,15 +87,16 @@ def test_numbers_of_kitchens_that_are_no_range_are_refused(designs, tmp_path, ca
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_a_file_that_holds_something_else_is_refused(tmp_path, capsys):
+@pytest.mark.parametrize("text", ["no certificate\n", '{"rows": []}', '{"design":3}\n{"name": "mine"}'])
+def test_a_file_that_holds_something_else_is_refused(text, tmp_path, capsys):
     path = tmp_path / "notes.jsonl"
-    path.write_text("no certificate\n")
+    path.write_text(text)
     assert certify.main([f"--output={path}", "--designs=0:1"]) in (1, 2)
     assert capsys.readouterr().err.count("\n") == 1
-    assert path.read_text() == "no certificate\n"
+    assert path.read_text() == text
 
 
-def test_episodes_of_certified_kitchens_ask_for_certified_tasks_alone(monkeypatch):
+def test_episodes_of_certified_kitchens_ask_for_certified_tasks_alone(ship):
     design = KitchenDesign.make(DESIGN, "train")
     everything = suite.load("kitchens", "any", {"design": DESIGN, "visuals": False}).task.requests.tasks
     kept = everything[::3]
@@ -95,7 +108,7 @@ def test_episodes_of_certified_kitchens_ask_for_certified_tasks_alone(monkeypatc
         reached={},
         steps={task: 10 if task in kept else None for task in everything},
     )
-    monkeypatch.setattr(certificates, "_known", lambda split: {DESIGN: certificate})
+    ship(certificate)
     environment = suite.load("kitchens", "any", {"design": DESIGN, "certified": True, "visuals": False, "random": 0})
     asked = set()
     for _ in range(60):
@@ -104,16 +117,16 @@ def test_episodes_of_certified_kitchens_ask_for_certified_tasks_alone(monkeypatc
     assert asked == {*kept}
 
 
-def test_kitchens_without_a_certificate_of_theirs_are_refused(monkeypatch):
-    monkeypatch.setattr(certificates, "_known", lambda split: {})
+def test_kitchens_without_a_certificate_of_theirs_are_refused(ship):
+    ship()
     with pytest.raises(ValueError, match=r"train/3 has no certificate: kitchen-certify --split=train --designs=3:4"):
         suite.load("kitchens", "open", {"design": 3, "certified": True})
     own = KitchenDesign.make(3, "train").to_json()
     with pytest.raises(ValueError, match="only kitchens of a split have certificates"):
         suite.load("kitchens", "open", {"design": own, "certified": True})
     stale = certificates.Certificate(design=3, digest="0" * 16, physics="fast", depth_mm=0.0, reached={}, steps={})
-    monkeypatch.setattr(certificates, "_known", lambda split: {3: stale})
-    with pytest.raises(ValueError, match="is of another design"):
+    ship(stale)
+    with pytest.raises(ValueError, match="train.jsonl has a certificate of another design as kitchen train/3: remove"):
         suite.load("kitchens", "open", {"design": 3, "certified": True})
 
 

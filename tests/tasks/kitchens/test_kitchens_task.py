@@ -351,6 +351,19 @@ def test_every_task_of_a_kitchen_has_four_phrases_of_its_own(number):
     assert len(set(phrases)) == len(phrases)
 
 
+def test_words_tell_many_cabinets_and_those_above_one_another_apart():
+    door = {"kind": "wall_doors", "width": 0.3, "height": 0.3, "count": 1, "handle": "bar", "hinge": "left"}
+    row = {"side": "back", "level": "wall", "distance": 0.55, "start": -0.45, "fixtures": [door] * 3}
+    rows = [{**row, "height": height} for height in (1.5, 1.85, 2.2)]
+    many = load("open", {"counter_height": 1.7, "style": "oak", "rows": rows}).task
+    sentences = [many.instructions_of(np.arange(9) - k, np.ones(9))[0] for k in range(9)]
+    assert len({sentence.partition(",")[0] for sentence in sentences}) == 9
+    two = [{**row, "fixtures": [door], "height": height} for height in (2.2, 1.85)]
+    above = load("open", {"counter_height": 1.7, "style": "oak", "rows": two}).task
+    start_words = [above.instructions_of(order, np.ones(2))[0] for order in np.array([[0, -1], [-1, 0]])]
+    assert start_words == ["open the door of the upper wall cabinet", "open the door of the lower wall cabinet"]
+
+
 def test_instructions_say_what_is_asked_for():
     environment = load("any_2")
     start(environment, "open drawers_1/drawer_2", "turn_off oven_1/knob_Joint_2")
