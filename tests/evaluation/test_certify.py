@@ -126,7 +126,7 @@ def test_kitchens_without_a_certificate_of_theirs_are_refused(ship):
         suite.load("kitchens", "open", {"design": own, "certified": True})
     stale = certificates.Certificate(design=3, digest="0" * 16, physics="fast", depth_mm=0.0, reached={}, steps={})
     ship(stale)
-    with pytest.raises(ValueError, match="train.jsonl has a certificate of another design as kitchen train/3: remove"):
+    with pytest.raises(ValueError, match=r"train.jsonl has a certificate of another design as kitchen train/3: remove"):
         suite.load("kitchens", "open", {"design": 3, "certified": True})
 
 
