@@ -39,6 +39,11 @@ class DatasetPlan(abc.ABC):
     def is_missing(self) -> bool:
         return not self.path.exists()
 
+    @property
+    @abc.abstractmethod
+    def seeds(self) -> Sequence[int | None]:
+        """Seeds of the episodes of a dataset that is there, in its order; raises an OSError if it cannot be read."""
+
     @abc.abstractmethod
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         """Makes the dataset of episodes that were recorded in an environment; after an error there is none."""
@@ -47,6 +52,9 @@ class DatasetPlan(abc.ABC):
         """Makes the dataset, unless it is there already; raises a FileExistsError if that one has other episodes."""
         if self.is_missing:
             self.make(environment, folder, indices)
+        elif [*self.seeds] != [folder.spec.seed_of(index) for index in indices]:
+            made = f"dataset {self.dataset_id!r} was made of other episodes of this recording"
+            raise FileExistsError(f"{made}: name another one")
 
     def _check_name(self, kind: str) -> None:
         if not _DATASET_ID.fullmatch(self.dataset_id):

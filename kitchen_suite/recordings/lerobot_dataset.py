@@ -247,6 +247,10 @@ class LeRobotPlan(DatasetPlan):
             record = load_record(self.path)
             self._check_same(record.recording, record.num_episodes)
 
+    @property
+    def seeds(self) -> list[int]:
+        return [episode.seed for episode in load_record(self.path).episodes]
+
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         inner = suite_env(environment)
         observations, fps = LeRobotObservations(inner), frames_per_second(inner)

@@ -49,9 +49,19 @@ class MinariPlan(DatasetPlan):
         if spec.seed + count - 1 > _MAX_SEED:
             raise ValueError(f"seeds in a dataset may not exceed {_MAX_SEED}, got {spec.seed + count - 1}")
         if not self.is_missing:
-            with minari_root(root), files.reading(self.path, "a Minari dataset"):
-                metadata = self._minari.load_dataset(dataset_id).storage.metadata
+            metadata = self._storage.metadata
             self._check_same(metadata.get(SPEC_KEY), metadata.get(_COUNT_KEY))
+
+    @property
+    def _storage(self) -> Any:
+        with minari_root(self._root), files.reading(self.path, "a Minari dataset"):
+            return self._minari.load_dataset(self.dataset_id).storage
+
+    @property
+    def seeds(self) -> list[int | None]:
+        storage = self._storage
+        with files.reading(self.path, "the metadata of episodes"):
+            return [about.get("seed") for about in storage.get_episode_metadata(range(storage.total_episodes))]
 
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         has_pictures = suite_env(environment).observations.has_pictures
