@@ -443,6 +443,7 @@ REFUSED = {
     "control steps": lambda arrays, data: data["episodes"]["random_4"][0].update(control_steps=10**400),
     "measures": lambda arrays, data: data["episodes"]["random_4"][0].update(measures={"x": 1.0}),
     "infinite": lambda arrays, data: data["episodes"]["random_4"][0].update(progress=1e999),
+    "no tasks": lambda arrays, data: [each.update(asked={}) for each in data["episodes"]["random_4"]],
     "a trace": lambda arrays, data: data["episodes"]["random_4"][0].update(trace="x"),
     "an escape": lambda arrays, data: data["evaluation"].update(policy="x\x1b[2J"),
     "a long name": lambda arrays, data: data["evaluation"].update(policy="x" * 10_000),
