@@ -149,6 +149,11 @@ class Comparison:
         steps = (self.rewards, self.completions, self.ends)
         return steps == (None, None, None) and not (exactly and self.arrays)
 
+    @property
+    def differs_elsewhere(self) -> bool:
+        """Whether the arrays that differ are only such of which the table has no column, as infos."""
+        return self.is_equal(exactly=False) and self.observation_difference == 0.0 and bool(self.arrays)
+
 
 def compare(task: SuiteTask, recorded: EpisodeArrays, replayed: EpisodeArrays, *, truncations: bool) -> Comparison:
     """Compares an episode with its replay; truncations only if told to: other recorders truncate where they stop."""
@@ -244,7 +249,7 @@ class ReplayJob:
     def run(self) -> bool:
         exactly = self._source.spec is not None
         print_line(f"{self._heading()}\n")
-        equal = 0
+        equal, unseen = 0, list[str]()
         with contextlib.closing(self._environment), self._views.open() as watch:
             print_line(_row({name: name for name in _COLUMNS}))
             for index in tqdm(self._indices, unit="episode", disable=None, leave=False):
@@ -252,7 +257,9 @@ class ReplayJob:
                 equal += comparison.is_equal(exactly=exactly)
                 self._finished += 1
                 print_line(_row(_cells(index, comparison)))
-        print_line(f"\n{equal} of {len(self._indices)} episodes are equal")
+                if exactly and comparison.differs_elsewhere:
+                    unseen.append(f"episode {index} differs in {', '.join(comparison.arrays)}")
+        print_line("\n".join(["", *unseen, f"{equal} of {len(self._indices)} episodes are equal"]))
         return equal == len(self._indices)
 
     def _compare(self, index: int, watch: Watch, exactly: bool) -> Comparison:
