@@ -49,18 +49,14 @@ class MinariPlan(DatasetPlan):
         if spec.seed + count - 1 > _MAX_SEED:
             raise ValueError(f"seeds in a dataset may not exceed {_MAX_SEED}, got {spec.seed + count - 1}")
         if not self.is_missing:
-            metadata = self._storage.metadata
+            with minari_root(root), files.reading(self.path, "a Minari dataset"):
+                metadata = self._minari.load_dataset(dataset_id).storage.metadata
             self._check_same(metadata.get(SPEC_KEY), metadata.get(_COUNT_KEY))
 
     @property
-    def _storage(self) -> Any:
-        with minari_root(self._root), files.reading(self.path, "a Minari dataset"):
-            return self._minari.load_dataset(self.dataset_id).storage
-
-    @property
     def seeds(self) -> list[int | None]:
-        storage = self._storage
-        with files.reading(self.path, "the metadata of episodes"):
+        with minari_root(self._root), files.reading(self.path, "a Minari dataset"):
+            storage = self._minari.load_dataset(self.dataset_id).storage
             return [about.get("seed") for about in storage.get_episode_metadata(range(storage.total_episodes))]
 
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
@@ -135,7 +131,7 @@ class MinariPlan(DatasetPlan):
 
 
 class MinariSource(Source):
-    """A Minari dataset of the suite's environments, or of Gymnasium-Robotics' kitchen."""
+    """A Minari dataset of the suite's environments, or of Gymnasium-Robotics' kitchen, of a number of control `steps`."""
 
     def __init__(self, dataset: Any) -> None:
         """Takes a dataset that Minari has loaded; raises a ValueError if it is of another environment."""
@@ -144,6 +140,7 @@ class MinariSource(Source):
             spec = dataset.storage.metadata.get(SPEC_KEY)
             self.spec = None if spec is None else EpisodeSpec.from_json(spec)
             self._env_spec, self.indices = dataset.env_spec, range(dataset.total_episodes)
+            self.steps = dataset.storage.total_steps
         found = self._env_spec and self._env_spec.id
         if found not in (_ORIGINAL_ID, *gymnasium_env.IDS.values(), *gymnasium_env.TASK_IDS.values()):
             raise ValueError(f"dataset {dataset.id} is not of a domain of the suite, but of {found}")

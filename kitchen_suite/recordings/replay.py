@@ -149,11 +149,6 @@ class Comparison:
         steps = (self.rewards, self.completions, self.ends)
         return steps == (None, None, None) and not (exactly and self.arrays)
 
-    @property
-    def differs_elsewhere(self) -> bool:
-        """Whether the arrays that differ are only such of which the table has no column, as infos."""
-        return self.is_equal(exactly=False) and self.observation_difference == 0.0 and bool(self.arrays)
-
 
 def compare(task: SuiteTask, recorded: EpisodeArrays, replayed: EpisodeArrays, *, truncations: bool) -> Comparison:
     """Compares an episode with its replay; truncations only if told to: other recorders truncate where they stop."""
@@ -257,7 +252,7 @@ class ReplayJob:
                 equal += comparison.is_equal(exactly=exactly)
                 self._finished += 1
                 print_line(_row(_cells(index, comparison)))
-                if exactly and comparison.differs_elsewhere:
+                if comparison.is_equal(exactly=False) and not comparison.is_equal(exactly=exactly):
                     unseen.append(f"episode {index} differs in {', '.join(comparison.arrays)}")
         print_line("\n".join(["", *unseen, f"{equal} of {len(self._indices)} episodes are equal"]))
         return equal == len(self._indices)
