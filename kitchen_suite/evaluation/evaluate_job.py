@@ -11,7 +11,7 @@ from dm_control.rl.control import PhysicsError
 
 from kitchen_suite import files, policies, suite
 from kitchen_suite.evaluation import criteria
-from kitchen_suite.evaluation.folder import EvaluationFolder, Key
+from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, check_robot, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipts import MAX_EPISODES, MAX_STEPS, Receipt, Trace, TraceRecorder
@@ -135,6 +135,10 @@ class EvaluateJob:
     def __init__(self, settings: EvaluateSettings) -> None:
         if settings.resume and settings.output is None:
             raise ValueError("--resume needs --output, the folder of the evaluation")
+        own = [settings.output / name for name in (DESCRIPTION_FILE, EPISODES_FILE)] if settings.output else []
+        paths = [path.resolve() for path in (settings.json, settings.receipt, settings.web, *own) if path]
+        if len({*paths}) < len(paths):
+            raise ValueError("--json, --receipt and --web must be different files, and none of --output's own")
         self._settings, self._plan = settings, make_plan(settings)
         self._page = EpisodePage(settings, self._plan)
         if settings.receipt:
