@@ -164,7 +164,9 @@ def remove_stale_partials(folder: Path) -> None:
     for path in folder.glob(".kitchen-suite.*"):
         match = _PARTIAL.fullmatch(path.name)
         if match and match["machine"] == _machine() and not _is_running(int(match["process"])):
-            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+            # Another process may remove it as well, and another user's cannot be removed.
+            with contextlib.suppress(OSError):
+                shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
 
 
 @functools.cache
