@@ -36,8 +36,10 @@ from kitchen_suite.versions import machine
 
 FORMAT = 1
 
-# What is written, so that it can be read again: some 42 bytes a control step and 250 an episode.
+# What is written, so that it can be read again: 38 bytes a control step of the kitchen and some 300 an episode, and in
+# the metadata up to `ENTRY_SIZE` characters, of four bytes, an episode beside its goals, `MAX_METADATA` in all.
 MAX_EPISODES, MAX_STEPS = 50_000, 10_000_000
+ENTRY_SIZE, MAX_METADATA, _MAX_BYTES = 1_250, 2**26, 2**30
 
 _PARTS = ("steps", "actions", "checks", "digests", "last")  # Arrays of a condition.
 
@@ -193,12 +195,12 @@ class Receipt:
     def read(cls, path: Path) -> "Receipt":
         """Returns the receipt in a file; raises an OSError unless it is one of this format, unchanged."""
         with files.reading(path, "a receipt of kitchen-evaluate"):
-            files.check_size(path.stat().st_size, files.MAX_ARRAY_BYTES)
+            files.check_size(path.stat().st_size, _MAX_BYTES)
             contents = path.read_bytes()
             if _seal(contents[:-_SEAL]) != contents[-_SEAL:]:
                 raise ValueError("its SHA-256 does not match: it was changed, or is another file")
-            arrays = files.unpack_arrays(io.BytesIO(contents))
-            metadata = files.as_metadata(arrays.pop("metadata"))
+            arrays = files.unpack_arrays(io.BytesIO(contents), _MAX_BYTES)
+            metadata = files.as_metadata(arrays.pop("metadata"), MAX_METADATA)
             if metadata.get("format") != FORMAT:
                 raise ValueError(f"format {metadata.get('format')!r} is unknown: this version reads {FORMAT}")
             _check_texts(metadata)

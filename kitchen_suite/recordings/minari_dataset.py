@@ -131,7 +131,7 @@ class MinariPlan(DatasetPlan):
 
 
 class MinariSource(Source):
-    """A Minari dataset of the suite's environments, or of Gymnasium-Robotics' kitchen, of a number of control `steps`."""
+    """A Minari dataset of the suite's environments, or of Gymnasium-Robotics' kitchen, of `steps` control steps."""
 
     def __init__(self, dataset: Any) -> None:
         """Takes a dataset that Minari has loaded; raises a ValueError if it is of another environment."""
