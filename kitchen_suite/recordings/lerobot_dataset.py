@@ -186,13 +186,13 @@ def _shape(space: spaces.Space) -> tuple[int, ...]:
 
 
 def digest(episode: EpisodeArrays) -> str:
-    """Returns a SHA-256 of names, types, shapes and contents of all arrays of an episode but pictures.
+    """Returns a SHA-256 of names, types, shapes and contents of all arrays of an episode but labels and pictures.
 
     These arrays have all digits, the observation after the last step, and the infos, which datasets do not hold.
     """
     hashed = hashlib.sha256()
     for name, array in sorted(episode.arrays.items()):
-        if not (name.startswith("observation/") and array.ndim == 1 + PICTURE_AXES):
+        if not (name in episode.labels or (name.startswith("observation/") and array.ndim == 1 + PICTURE_AXES)):
             hashed.update(f"{name} {array.dtype.str} {array.shape} ".encode())
             hashed.update(np.ascontiguousarray(array).tobytes())
     return hashed.hexdigest()

@@ -66,6 +66,9 @@ def test_arrays_are_read_back_from_columns(played):
             np.testing.assert_array_equal(array, rows.astype(array.dtype), name)
     assert {"observation/agent_pos", "observation/environment_state", "observation/requested_tasks"} < projected.keys()
     assert projected[DIGEST].tobytes().hex() == digest(episode)
+    # A dataset holds no labels of actions.
+    labelled = dataclasses.replace(episode, arrays={**episode.arrays, "label/is_intervention": np.ones(3, bool)})
+    assert digest(labelled) == digest(episode)
 
 
 def test_the_digest_is_of_all_digits_of_all_arrays_but_pictures(played):

@@ -14,7 +14,7 @@ from helpers.episodes import left_behind, limited_files, load_episode
 from helpers.sweeps import brief_named
 from minari.dataset.minari_dataset import MinariDataset
 
-from kitchen_suite.cli.commands import convert, record
+from kitchen_suite.cli.commands import convert, record, replay
 from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.settings import MAX_SEED
@@ -59,6 +59,8 @@ def test_labels_of_actions_are_infos_of_the_steps_after_them(run):
         labels = recorded(index)[1]["label/is_intervention"]
         assert labels.any()
         assert episode.infos["is_intervention"].tolist() == [False, *labels]
+        assert find_source(ID).load(index).labels["label/is_intervention"].tolist() == labels.tolist()
+    assert replay.main([ID]) == 0
 
 
 @pytest.mark.parametrize("arguments", brief_named(DATASETS, kept=["goals by task", "cabinet"]))
