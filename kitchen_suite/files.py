@@ -160,11 +160,10 @@ def partial_path(path: Path) -> Path:
 
 
 def remove_stale_partials(folder: Path) -> None:
-    """Removes the files and folders of `partial_path` whose processes ran on this machine and no longer do."""
+    """Removes where possible what has a name of `partial_path`, of a process that ran on this machine and has ended."""
     for path in folder.glob(".kitchen-suite.*"):
         match = _PARTIAL.fullmatch(path.name)
         if match and match["machine"] == _machine() and not _is_running(int(match["process"])):
-            # Another process may remove it as well, and another user's cannot be removed.
             with contextlib.suppress(OSError):
                 shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
 

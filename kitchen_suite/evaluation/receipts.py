@@ -156,34 +156,23 @@ class Replay:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Record:
-    """The metadata of a receipt as JSON."""
-
-    format: int
-    evaluation: dict[str, Any]
-    replaced: list[str]
-    machine: str
-    episodes: dict[str, list[EpisodeResult]]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Receipt:
     """An evaluation, as `--json` writes it, with results and traces of all its episodes in order, by condition.
 
     `replaced` is `EvaluationPlan.replaced`, `machine` the kind of processor, see `versions.machine`.
     """
 
-    evaluation: Mapping[str, Any]
-    replaced: Sequence[str]
-    results: Mapping[str, Sequence[EpisodeResult]]
-    traces: Mapping[str, Sequence[Trace]]
+    evaluation: dict[str, Any]
+    replaced: list[str]
+    results: dict[str, list[EpisodeResult]]
+    traces: dict[str, list[Trace]]
     machine: str = dataclasses.field(default_factory=machine)
 
     def write(self, path: Path) -> None:
         record = {
             "format": FORMAT,
-            "evaluation": dict(self.evaluation),
-            "replaced": list(self.replaced),
+            "evaluation": self.evaluation,
+            "replaced": self.replaced,
             "machine": self.machine,
             "episodes": {name: [*map(_entry, results)] for name, results in self.results.items()},
         }
@@ -204,18 +193,13 @@ class Receipt:
             if metadata.get("format") != FORMAT:
                 raise ValueError(f"format {metadata.get('format')!r} is unknown: this version reads {FORMAT}")
             _check_texts(metadata)
-            record = files.parse(metadata, _Record, "not its metadata")
-            traces = {name: _unstacked(arrays, name, len(results)) for name, results in record.episodes.items()}
+            parts = {"machine": metadata["machine"], "results": metadata["episodes"], "traces": {}}
+            receipt = files.parse({**metadata, **parts}, cls, "not its metadata")
+            traces = {name: _unstacked(arrays, name, len(results)) for name, results in receipt.results.items()}
             expected = {f"{name}/{part}" for name in traces for part in _PARTS}
             if unknown := sorted(arrays.keys() - expected):
                 raise ValueError(f"it has unknown arrays {checks.shown(unknown)}")
-            return cls(
-                evaluation=record.evaluation,
-                replaced=record.replaced,
-                results=record.episodes,
-                traces=traces,
-                machine=record.machine,
-            )
+            return dataclasses.replace(receipt, traces=traces)
 
 
 def _check_texts(value: Any) -> None:

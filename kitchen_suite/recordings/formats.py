@@ -53,8 +53,7 @@ class DatasetPlan(abc.ABC):
         if self.is_missing:
             self.make(environment, folder, indices)
         elif [*self.seeds] != [folder.spec.seed_of(index) for index in indices]:
-            made = f"dataset {self.dataset_id!r} was made of other episodes of this recording"
-            raise FileExistsError(f"{made}: name another one")
+            raise FileExistsError(f"dataset {self.dataset_id!r} has other episodes of this recording: name another one")
 
     def _check_name(self, kind: str) -> None:
         if not _DATASET_ID.fullmatch(self.dataset_id):

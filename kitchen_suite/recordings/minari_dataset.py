@@ -23,7 +23,7 @@ from kitchen_suite.tasks.task import PICTURE_AXES
 # Keys of the metadata of a dataset, the specification of the recording and the number of episodes asked for; and of
 # those of an episode: the task's sentence, the digest of the actions, and the names of their labels, after commas.
 SPEC_KEY, _COUNT_KEY = "kitchen_suite_recording", "kitchen_suite_num_episodes"
-INSTRUCTION_KEY, _ACTIONS_KEY, _LABELS_KEY = "instruction", "actions_sha256", "kitchen_suite_labels"
+_EPISODE_KEYS = INSTRUCTION_KEY, _ACTIONS_KEY, _LABELS_KEY = "instruction", "actions_sha256", "kitchen_suite_labels"
 
 _CHUNK = 20  # Number of episodes in memory at the same time.
 
@@ -68,9 +68,8 @@ class MinariPlan(DatasetPlan):
                 arrays = [array for episode in episodes for array in episode.arrays.values()]
                 files.reserve(data_file, sum(_ARRAY_BYTES + 2 * array.nbytes for array in arrays))
                 dataset.update_dataset_from_buffer([self._buffer(episode) for episode in episodes])
-                keys = (INSTRUCTION_KEY, _ACTIONS_KEY, _LABELS_KEY)
                 entries = [(each.instruction, each.actions_sha256, ",".join(each.labels)) for each in episodes]
-                metadata = [dict(zip(keys, entry, strict=True)) for entry in entries]
+                metadata = [dict(zip(_EPISODE_KEYS, entry, strict=True)) for entry in entries]
                 dataset.storage.update_episode_metadata(metadata, range(start, start + len(episodes)))
             if has_pictures:
                 _compress(data_file)

@@ -46,8 +46,7 @@ class Report:
         if not episodes:
             return "no episode was finished"
         seconds = sum(stats.seconds for stats in episodes)
-        # Episodes of kitchen-convert took no time.
-        steps = sum(stats.steps for stats in episodes if stats.seconds)
+        steps = sum(stats.steps for stats in episodes if stats.seconds)  # Those of kitchen-convert took no time.
         lines = {
             "episodes": str(len(episodes)),
             "mean return": _number(statistics.fmean(stats.total_reward for stats in episodes)),

@@ -138,7 +138,7 @@ def test_a_dataset_of_an_interrupted_recording_is_not_taken_for_one_of_all(run):
     assert convert.main(["runs", f"--dataset={ID}"]) == 1
     status, _, err = run(f"--dataset={ID}")
     assert status == 1
-    assert err == f"kitchen-record: dataset '{ID}' was made of other episodes of this recording: name another one\n"
+    assert err == f"kitchen-record: dataset '{ID}' has other episodes of this recording: name another one\n"
 
 
 def test_datasets_may_be_elsewhere(run):
