@@ -29,7 +29,7 @@ SUCCESS, FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 PICTURES_PREFIX = "pixels"
 
 _MAX_STEPS = 10**12
-MAX_COUNT, MAX_SEED = 10**6, 2**62  # Further seeds have 63 bits as well, as HDF5 and the readers of results require.
+MAX_COUNT = 10**6
 
 # Longer episodes would exceed the 512 MiB of arrays that `files.load_arrays` reads: a control step takes up to 2 KiB.
 MAX_EPISODE_STEPS = 100_000
@@ -113,7 +113,7 @@ policy_flag = functools.partial(
     "action. expert and trained take options, as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\".",
 )
 seed_flag = functools.partial(
-    flag, "First seed; further episodes, or restarts of a training, have the next ones.", minimum=0, maximum=MAX_SEED
+    flag, "First seed; further episodes, or restarts of a training, have the next ones.", minimum=0
 )
 num_episodes_flag = functools.partial(flag, "Number of episodes.", minimum=1, maximum=MAX_COUNT)
 max_episode_steps_flag = functools.partial(

@@ -20,7 +20,7 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.episode import unflatten
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
-from kitchen_suite.settings import MAX_COUNT, MAX_EPISODE_STEPS, MAX_SEED, EvaluateSettings
+from kitchen_suite.settings import MAX_COUNT, MAX_EPISODE_STEPS, EvaluateSettings
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -147,7 +147,7 @@ class _Description:
     protocol: str
     domain_name: str
     policy: str
-    seed: Annotated[int, Meta(ge=0, le=MAX_SEED)]
+    seed: Annotated[int, Meta(ge=0)]
     num_episodes: Annotated[int, Meta(ge=1, le=MAX_COUNT)]
     max_episode_steps: Annotated[int, Meta(ge=1, le=MAX_EPISODE_STEPS)]
     versions: dict[str, str]

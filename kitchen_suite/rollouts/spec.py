@@ -19,7 +19,7 @@ from kitchen_suite.environment.environment import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import has_pictures
 from kitchen_suite.names import EXACT
-from kitchen_suite.settings import MAX_SEED, EpisodeSettings
+from kitchen_suite.settings import EpisodeSettings
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
@@ -179,7 +179,7 @@ class EpisodeSpec(EnvironmentSpec):
             raise ValueError(f"unknown attributes {unknown}")
         suite.task_arguments(spec.domain_name, spec.task_name)
         checks.choice(spec.seeding, SEEDINGS, "seeding")
-        checks.integer(spec.seed, "seed", minimum=0, maximum=MAX_SEED)
+        checks.integer(spec.seed, "seed", minimum=0)
         checks.integer(spec.max_episode_steps, "max_episode_steps", minimum=1)
         return spec
 

@@ -17,7 +17,6 @@ from minari.dataset.minari_dataset import MinariDataset
 from kitchen_suite.cli.commands import convert, record, replay
 from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.rollouts.episode import flatten
-from kitchen_suite.settings import MAX_SEED
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 pytestmark = pytest.mark.thorough
@@ -239,9 +238,11 @@ def test_few_episodes_are_in_memory_at_once(run, monkeypatch):
     assert [episode.id for episode in minari.load_dataset(ID)] == [0, 1, 2]
 
 
-def test_hdf5_holds_the_greatest_seeds(run):
-    assert run(f"--dataset={ID}", f"--seed={MAX_SEED}")[0] == 0
-    assert [about["seed"] for about in minari.load_dataset(ID).storage.get_episode_metadata([2])] == [MAX_SEED + 2]
+def test_seeds_that_hdf5_cannot_hold_are_refused(run):
+    status, _, err = run(f"--dataset={ID}", f"--seed={2**63 - 2}")
+    assert (status, err) == (2, f"kitchen-record: seeds in a dataset may not exceed {2**63 - 1}, got {2**63}\n")
+    assert run(f"--dataset={ID}", f"--seed={2**63 - 3}")[0] == 0
+    assert [about["seed"] for about in minari.load_dataset(ID).storage.get_episode_metadata([2])] == [2**63 - 1]
 
 
 def test_without_minari_the_message_names_what_to_install(run, monkeypatch):
