@@ -18,6 +18,7 @@ from kitchen_suite import checks, files
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
+from kitchen_suite.settings import MAX_SEED
 
 _DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)  # As the Hugging Face hub accepts names.
 
@@ -33,6 +34,8 @@ class DatasetPlan(abc.ABC):
         Raises an ImportError if the library is not installed, a ValueError if the name is malformed or taken by another
         dataset, or the recording cannot be a dataset.
         """
+        if spec.seed + count - 1 > MAX_SEED:
+            raise ValueError(f"seeds in a dataset may not exceed {MAX_SEED}, got {spec.seed + count - 1}")
         self.dataset_id, self.spec, self.count, self._root = dataset_id, spec, count, root
 
     @property

@@ -25,7 +25,6 @@ from kitchen_suite.tasks.task import PICTURE_AXES
 SPEC_KEY, _COUNT_KEY = "kitchen_suite_recording", "kitchen_suite_num_episodes"
 _EPISODE_KEYS = INSTRUCTION_KEY, _ACTIONS_KEY, _LABELS_KEY = "instruction", "actions_sha256", "kitchen_suite_labels"
 
-_MAX_SEED = 2**63 - 1  # HDF5 keeps seeds in attributes of 64 bits.
 _CHUNK = 20  # Number of episodes in memory at the same time.
 
 # Minari's file of all episodes. Greatest sizes of an empty dataset, and of an array beside its elements [bytes].
@@ -46,8 +45,6 @@ class MinariPlan(DatasetPlan):
         check_id(dataset_id)
         with minari_root(root):
             self.path = absolute_root() / dataset_id
-        if spec.seed + count - 1 > _MAX_SEED:
-            raise ValueError(f"seeds in a dataset may not exceed {_MAX_SEED}, got {spec.seed + count - 1}")
         if not self.is_missing:
             with minari_root(root), files.reading(self.path, "a Minari dataset"):
                 metadata = self._minari.load_dataset(dataset_id).storage.metadata

@@ -272,6 +272,7 @@ BAD = {
     "--json=.": ["--json"],
     "--json": ["--json"],
     "--num_episodes=0": ["--num_episodes", "1"],
+    f"--seed={2**63}": ["--seed", "must be at most"],
     "--variations=starts": ["'start'"],
     '--task_kwargs={"thresold":1}': ["'threshold'"],
     '--task_kwargs={"max_episode_steps":1}': ["max_episode_steps", "task_kwargs"],
