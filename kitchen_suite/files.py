@@ -160,11 +160,12 @@ def partial_path(path: Path) -> Path:
 
 
 def remove_stale_partials(folder: Path) -> None:
-    """Removes the files and folders of `partial_path` whose processes ran on this machine and no longer do."""
+    """Removes where possible what has a name of `partial_path`, of a process that ran on this machine and has ended."""
     for path in folder.glob(".kitchen-suite.*"):
         match = _PARTIAL.fullmatch(path.name)
         if match and match["machine"] == _machine() and not _is_running(int(match["process"])):
-            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
 
 
 @functools.cache
@@ -280,10 +281,10 @@ def write_json(path: Path, value: Any, indent: int = 2) -> None:
     path.write_text(json.dumps(value, indent=indent) + "\n", encoding="utf-8")
 
 
-def parse_json(text: str | bytes) -> Any:
-    """Decodes JSON, in bytes of UTF-8; raises a ValueError if it is none, above 16 MiB, or deeper than 64 levels."""
-    if len(text) > _MAX_JSON_BYTES:
-        raise ValueError(f"larger than {_MAX_JSON_BYTES / 2**20:.0f} MiB")
+def parse_json(text: str | bytes, max_size: int = _MAX_JSON_BYTES) -> Any:
+    """Decodes JSON, in bytes of UTF-8; a ValueError if it is none, above `max_size` or deeper than 64 levels."""
+    if len(text) > max_size:
+        raise ValueError(f"larger than {max_size / 2**20:.0f} MiB")
     deep = f"nested deeper than {_MAX_JSON_DEPTH} levels"
     try:
         value = json.loads(text if isinstance(text, str) else text.decode("utf-8"))
@@ -366,9 +367,9 @@ def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray:
     return np.ndarray(shape, dtype, data, order="F" if is_fortran else "C")
 
 
-def as_metadata(array: NDArray) -> dict[str, Any]:
+def as_metadata(array: NDArray, max_size: int = _MAX_JSON_BYTES) -> dict[str, Any]:
     """Returns the JSON object in an array of one string; raises a ValueError if it holds something else."""
-    metadata = parse_json(str(array))
+    metadata = parse_json(str(array), max_size)
     if not isinstance(metadata, dict):
         raise ValueError(f"metadata must be a JSON object, got {type(metadata).__name__}")
     return metadata

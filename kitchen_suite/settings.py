@@ -30,6 +30,7 @@ PICTURES_PREFIX = "pixels"
 
 _MAX_STEPS = 10**12
 MAX_COUNT = 10**6
+MAX_SEED = 2**63 - 1  # Of results and datasets: msgspec and HDF5 have 64 bits.
 
 # Longer episodes would exceed the 512 MiB of arrays that `files.load_arrays` reads: a control step takes up to 2 KiB.
 MAX_EPISODE_STEPS = 100_000
@@ -386,7 +387,7 @@ class EvaluateSettings(TaskSettings, PageSettings):
     control_mode: str | None = control_mode_flag(None, unset=_OF_PROTOCOL)
     variations: str | None = variations_flag(None, unset=_OF_PROTOCOL)
     variation_split: str | None = variation_split_flag(None, unset=_OF_PROTOCOL)
-    seed: int | None = seed_flag(None, unset=_OF_PROTOCOL)
+    seed: int | None = seed_flag(None, unset=_OF_PROTOCOL, maximum=MAX_SEED - MAX_COUNT)
     num_episodes: int | None = num_episodes_flag(None, unset=_OF_PROTOCOL)
     max_episode_steps: int | None = max_episode_steps_flag(None, unset=_OF_PROTOCOL)
     num_envs: int = num_envs_flag(16)

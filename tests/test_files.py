@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import functools
 import io
 import json
 import os
@@ -30,6 +31,20 @@ def test_hidden_files_and_folders_of_the_user_stay(tmp_path):
         [name.partition("/")[0] for name in theirs] + [running.name, elsewhere]
     )
     assert tmp_path.joinpath(theirs[0]).read_text() == "x"
+
+
+def test_unfinished_files_that_cannot_be_removed_stay(tmp_path, monkeypatch):
+    """As those of another user, or of a folder that another process removes at the same time."""
+    monkeypatch.setattr("shutil.rmtree", functools.partial(refuse, FileNotFoundError))
+    monkeypatch.setattr("pathlib.Path.unlink", functools.partial(refuse, PermissionError))
+    left_behind(tmp_path / "dataset").mkdir()
+    left_behind(tmp_path / "episode_000000.npz").write_text("x")
+    files.remove_stale_partials(tmp_path)
+    assert len(os.listdir(tmp_path)) == 2
+
+
+def refuse(error, *arguments, **options):
+    raise error
 
 
 def test_two_writers_of_one_file_never_share_a_temporary_path(tmp_path):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 States = NDArray[np.float64]
 
-STATE = np.r_[0:9, 18:39]  # The state among the 59 numbers that the kitchen observes.
+STATE = np.r_[0:9, 18:39]  # The state among the 59 numbers that the kitchen observes with the Franka.
 
 # Objects of LEXA's goals: columns and values; `envs/kitchen.py` of orybkin/lexa-benchmark, lines 139 to 156.
 _LEXA_VALUES: Mapping[str, Mapping[int, float]] = MappingProxyType(

@@ -3,6 +3,7 @@
 import collections
 import contextlib
 import dataclasses
+import json
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
@@ -10,11 +11,11 @@ import numpy as np
 from dm_control.rl.control import PhysicsError
 
 from kitchen_suite import files, policies, suite
-from kitchen_suite.evaluation import criteria
-from kitchen_suite.evaluation.folder import EvaluationFolder, Key
+from kitchen_suite.evaluation import criteria, receipts
+from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, check_robot, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
-from kitchen_suite.evaluation.receipts import MAX_EPISODES, MAX_STEPS, Receipt, Trace, TraceRecorder
+from kitchen_suite.evaluation.receipts import Receipt, Trace, TraceRecorder
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
@@ -135,6 +136,10 @@ class EvaluateJob:
     def __init__(self, settings: EvaluateSettings) -> None:
         if settings.resume and settings.output is None:
             raise ValueError("--resume needs --output, the folder of the evaluation")
+        own = [settings.output / name for name in (DESCRIPTION_FILE, EPISODES_FILE)] if settings.output else []
+        paths = [path.resolve() for path in (settings.json, settings.receipt, settings.web, *own) if path]
+        if len({*paths}) < len(paths):
+            raise ValueError("--json, --receipt and --web must be different files, and none of --output's own")
         self._settings, self._plan = settings, make_plan(settings)
         self._page = EpisodePage(settings, self._plan)
         if settings.receipt:
@@ -224,9 +229,12 @@ def check_receipt(plan: EvaluationPlan) -> None:
         check_robot(spec.task_kwargs)
     episodes = plan.num_episodes * len(plan.specs)
     steps = episodes * plan.first.max_episode_steps
-    if episodes > MAX_EPISODES or steps > MAX_STEPS:
-        limits = f"at most {MAX_EPISODES:,} episodes and {MAX_STEPS:,} control steps"
-        raise ValueError(f"a receipt holds {limits}, not {episodes:,} and {steps:,}: evaluate fewer episodes")
+    size = episodes * receipts.ENTRY_SIZE + len(json.dumps([*plan.resets.values()]))
+    if episodes > receipts.MAX_EPISODES or steps > receipts.MAX_STEPS or size > receipts.MAX_METADATA:
+        limits = (
+            f"at most {receipts.MAX_EPISODES:,} episodes, fewer with goals, and {receipts.MAX_STEPS:,} control steps"
+        )
+        raise ValueError(f"a receipt holds at most {limits}, not {episodes:,} and {steps:,}: evaluate fewer episodes")
 
 
 def play(

@@ -39,6 +39,12 @@ class EvaluationPlan:
     num_episodes: int
     resets: Mapping[str, Sequence[dict[str, Any]]] = dataclasses.field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Raises a ValueError if positions of `criteria.STATE` are measured, or goals, with another arm than theirs."""
+        for name, condition in self.conditions.items():
+            if condition.measures or condition.goals:
+                _check_franka(self.specs[name], f"protocol {self.protocol!r}")
+
     @property
     def conditions(self) -> dict[str, Condition]:
         """The protocol's condition by each name; where its task was replaced, one with its goals, but no measures."""
@@ -177,6 +183,7 @@ class _Recorded:
             raise ValueError(f"{folder} holds episodes of {spec.domain_name}, not of {domain_name}")
         if not self._folder.indices:
             raise ValueError(f"{folder} holds no episodes")
+        _check_franka(spec, f"the goals of {folder}")
         with contextlib.closing(spec.make_environment()) as environment:
             self._observations = suite_env(environment).observations
 
@@ -248,6 +255,11 @@ def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, EpisodeS
             replaced = condition.task_name not in (None, spec.task_name)
             specs[spec.task_name if replaced else condition.name or spec.task_name] = spec
     return specs
+
+
+def _check_franka(spec: EnvironmentSpec, what: str) -> None:
+    if (robot := spec.task_kwargs.get("robot", FRANKA)) != FRANKA:
+        raise ValueError(f"{what} must be of the kitchen with robot {FRANKA!r}, not {checks.shown(robot)}")
 
 
 def check_robot(task_kwargs: Mapping[str, Any]) -> None:

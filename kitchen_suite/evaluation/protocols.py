@@ -153,7 +153,8 @@ def _lexa_condition(objects: tuple[str, ...]) -> Condition:
 
 
 def _means(scores: Mapping[str, Mapping[str, Any]], names: Collection[str]) -> dict[str, float]:
-    return {name: round(sum(score[name] for score in scores.values()) / len(scores), 6) for name in names}
+    # Conditions whose chains are shorter have no `p5`.
+    return {name: round(sum(score.get(name, 0.0) for score in scores.values()) / len(scores), 6) for name in names}
 
 
 def _goals_reached(scores: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:

@@ -36,8 +36,10 @@ from kitchen_suite.versions import machine
 
 FORMAT = 1
 
-# What is written, so that it can be read again: some 42 bytes a control step and 250 an episode.
+# What is written, so that it can be read again: 38 bytes a control step of the kitchen and some 300 an episode, and in
+# the metadata up to `ENTRY_SIZE` characters, of four bytes, an episode beside its goals, `MAX_METADATA` in all.
 MAX_EPISODES, MAX_STEPS = 50_000, 10_000_000
+ENTRY_SIZE, MAX_METADATA, _MAX_BYTES = 1_250, 2**26, 2**30
 
 _PARTS = ("steps", "actions", "checks", "digests", "last")  # Arrays of a condition.
 
@@ -154,34 +156,23 @@ class Replay:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Record:
-    """The metadata of a receipt as JSON."""
-
-    format: int
-    evaluation: dict[str, Any]
-    replaced: list[str]
-    machine: str
-    episodes: dict[str, list[EpisodeResult]]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Receipt:
     """An evaluation, as `--json` writes it, with results and traces of all its episodes in order, by condition.
 
     `replaced` is `EvaluationPlan.replaced`, `machine` the kind of processor, see `versions.machine`.
     """
 
-    evaluation: Mapping[str, Any]
-    replaced: Sequence[str]
-    results: Mapping[str, Sequence[EpisodeResult]]
-    traces: Mapping[str, Sequence[Trace]]
+    evaluation: dict[str, Any]
+    replaced: list[str]
+    results: dict[str, list[EpisodeResult]]
+    traces: dict[str, list[Trace]]
     machine: str = dataclasses.field(default_factory=machine)
 
     def write(self, path: Path) -> None:
         record = {
             "format": FORMAT,
-            "evaluation": dict(self.evaluation),
-            "replaced": list(self.replaced),
+            "evaluation": self.evaluation,
+            "replaced": self.replaced,
             "machine": self.machine,
             "episodes": {name: [*map(_entry, results)] for name, results in self.results.items()},
         }
@@ -193,27 +184,22 @@ class Receipt:
     def read(cls, path: Path) -> "Receipt":
         """Returns the receipt in a file; raises an OSError unless it is one of this format, unchanged."""
         with files.reading(path, "a receipt of kitchen-evaluate"):
-            files.check_size(path.stat().st_size, files.MAX_ARRAY_BYTES)
+            files.check_size(path.stat().st_size, _MAX_BYTES)
             contents = path.read_bytes()
             if _seal(contents[:-_SEAL]) != contents[-_SEAL:]:
                 raise ValueError("its SHA-256 does not match: it was changed, or is another file")
-            arrays = files.unpack_arrays(io.BytesIO(contents))
-            metadata = files.as_metadata(arrays.pop("metadata"))
+            arrays = files.unpack_arrays(io.BytesIO(contents), _MAX_BYTES)
+            metadata = files.as_metadata(arrays.pop("metadata"), MAX_METADATA)
             if metadata.get("format") != FORMAT:
                 raise ValueError(f"format {metadata.get('format')!r} is unknown: this version reads {FORMAT}")
             _check_texts(metadata)
-            record = files.parse(metadata, _Record, "not its metadata")
-            traces = {name: _unstacked(arrays, name, len(results)) for name, results in record.episodes.items()}
+            parts = {"machine": metadata["machine"], "results": metadata["episodes"], "traces": {}}
+            receipt = files.parse({**metadata, **parts}, cls, "not its metadata")
+            traces = {name: _unstacked(arrays, name, len(results)) for name, results in receipt.results.items()}
             expected = {f"{name}/{part}" for name in traces for part in _PARTS}
             if unknown := sorted(arrays.keys() - expected):
                 raise ValueError(f"it has unknown arrays {checks.shown(unknown)}")
-            return cls(
-                evaluation=record.evaluation,
-                replaced=record.replaced,
-                results=record.episodes,
-                traces=traces,
-                machine=record.machine,
-            )
+            return dataclasses.replace(receipt, traces=traces)
 
 
 def _check_texts(value: Any) -> None:

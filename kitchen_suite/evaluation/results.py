@@ -182,8 +182,8 @@ def _arrays(results: Sequence[EpisodeResult]) -> tuple[NDArray[np.bool_], NDArra
     """Returns which tasks `(n, k)` episodes ask for, their completion steps `(n, k)`, and the tasks' names in order."""
     rows = [result.asked or {} for result in results]
     tasks = sorted({name for row in rows for name in row})
-    asked = np.array([[name in row for name in tasks] for row in rows])
-    return asked, np.array([[row.get(name) or -1 for name in tasks] for row in rows]), tasks
+    asked = np.array([[name in row for name in tasks] for row in rows], bool)
+    return asked, np.array([[row.get(name) or -1 for name in tasks] for row in rows], np.int64), tasks
 
 
 def _task_rate(completed: NDArray[np.bool_]) -> dict[str, Any]:

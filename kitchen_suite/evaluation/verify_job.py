@@ -23,8 +23,8 @@ from kitchen_suite.versions import installed_versions, machine
 
 DIGITS_DIFFER = 3  # Exit status where all scores are equal, but not all digits.
 
-# Arguments of environments that only pictures depend on; a replay makes none.
-_OF_PICTURES = {*PICTURE_OPTIONS, "obs_type", "render_quality"}
+# Arguments of environments on which pictures and layouts of observations depend, and none of the numbers compared.
+_OF_OBSERVATIONS = {*PICTURE_OPTIONS, "obs_type", "render_quality"}
 
 _MAX_LINES = 10  # Episodes that differ of which the report has a line.
 
@@ -120,7 +120,7 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
 
 
 def _blind(spec: EpisodeSpec) -> EpisodeSpec:
-    kwargs = {name: value for name, value in spec.task_kwargs.items() if name not in _OF_PICTURES}
+    kwargs = {name: value for name, value in spec.task_kwargs.items() if name not in _OF_OBSERVATIONS}
     return dataclasses.replace(spec, task_kwargs=kwargs)
 
 
@@ -171,8 +171,8 @@ def _circumstances(receipt: Receipt) -> list[str]:
     if "goals_sha256" in receipt.evaluation:
         lines.append("not verified, since their recording is not here: where the goals were taken from")
     given = {name for condition in receipt.evaluation["conditions"].values() for name in condition["task_kwargs"]}
-    if unseen := sorted(given & _OF_PICTURES):
-        lines.append(f"not verified, since only pictures depend on it: {', '.join(unseen)}")
+    if unseen := sorted(given & _OF_OBSERVATIONS):
+        lines.append(f"not verified, since none of the numbers depend on it: {', '.join(unseen)}")
     here = {**installed_versions(), "processor": machine()}
     there: Mapping[str, Any] = {**receipt.evaluation["versions"], "processor": receipt.machine}
     differing = [name for name in here if here[name] != there.get(name)]

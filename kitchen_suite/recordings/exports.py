@@ -84,11 +84,9 @@ class ExportPlan(DatasetPlan):
     def is_missing(self) -> bool:
         return not self._record_file.exists()
 
-    def complete(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
-        super().complete(environment, folder, indices)
-        if read_record(self._record_file).seeds != [folder.spec.seed_of(index) for index in indices]:
-            made = f"dataset {self.dataset_id!r} was made of other episodes of this recording"
-            raise FileExistsError(f"{made}: name another one")
+    @property
+    def seeds(self) -> list[int]:
+        return read_record(self._record_file).seeds
 
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         with files.temporary_folder(self.path) as elsewhere:

@@ -18,6 +18,7 @@ from kitchen_suite import checks, files
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
+from kitchen_suite.settings import MAX_SEED
 
 _DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)  # As the Hugging Face hub accepts names.
 
@@ -33,11 +34,18 @@ class DatasetPlan(abc.ABC):
         Raises an ImportError if the library is not installed, a ValueError if the name is malformed or taken by another
         dataset, or the recording cannot be a dataset.
         """
+        if spec.seed + count - 1 > MAX_SEED:
+            raise ValueError(f"seeds in a dataset may not exceed {MAX_SEED}, got {spec.seed + count - 1}")
         self.dataset_id, self.spec, self.count, self._root = dataset_id, spec, count, root
 
     @property
     def is_missing(self) -> bool:
         return not self.path.exists()
+
+    @property
+    @abc.abstractmethod
+    def seeds(self) -> Sequence[int | None]:
+        """Seeds of the episodes of a dataset that is there, in its order; raises an OSError if it cannot be read."""
 
     @abc.abstractmethod
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
@@ -47,6 +55,8 @@ class DatasetPlan(abc.ABC):
         """Makes the dataset, unless it is there already; raises a FileExistsError if that one has other episodes."""
         if self.is_missing:
             self.make(environment, folder, indices)
+        elif [*self.seeds] != [folder.spec.seed_of(index) for index in indices]:
+            raise FileExistsError(f"dataset {self.dataset_id!r} has other episodes of this recording: name another one")
 
     def _check_name(self, kind: str) -> None:
         if not _DATASET_ID.fullmatch(self.dataset_id):

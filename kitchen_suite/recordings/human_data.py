@@ -69,6 +69,7 @@ class D4RLData:
 
     def __init__(self, path: Path, scene: Scene) -> None:
         self._scene, arrays = scene, _read_hdf5(path)
+        self.contents = {"sha256": files.file_digest(path)}
         for name in ("observations", "actions", "terminals"):
             if name not in arrays:
                 problem = f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals"
@@ -112,7 +113,7 @@ class MinariData:
     has_velocities = True
 
     def __init__(self, source: MinariSource, name: str) -> None:
-        self._source, self._name = source, name
+        self._source, self._name, self.contents = source, name, {"episodes": len(source.indices), "steps": source.steps}
         if source.spec is not None or not source.is_original:
             problem = f"{name} is not of FrankaKitchen-v1, but of this suite, and no recording is made of it"
             raise ValueError(f"{problem}: kitchen-replay plays it")
@@ -228,7 +229,7 @@ class HumanDataJob:
         self._data = open_data(source, data_path, self._task.scene)
         if not len(self._data):
             raise ValueError(f"{source} holds no episodes of two or more observations")
-        origin, versions = {"format": self._data.format, "source": source}, installed_versions()
+        origin, versions = {"format": self._data.format, "source": source, **self._data.contents}, installed_versions()
         spec = EpisodeSpec(**vars(base), policy="human", seed=0, seeding="gymnasium", versions=versions, origin=origin)
         self._folder = RecordingFolder.claim(output, spec)
         self._finished = 0

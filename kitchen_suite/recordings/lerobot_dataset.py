@@ -186,13 +186,13 @@ def _shape(space: spaces.Space) -> tuple[int, ...]:
 
 
 def digest(episode: EpisodeArrays) -> str:
-    """Returns a SHA-256 of names, types, shapes and contents of all arrays of an episode but pictures.
+    """Returns a SHA-256 of names, types, shapes and contents of all arrays of an episode but labels and pictures.
 
     These arrays have all digits, the observation after the last step, and the infos, which datasets do not hold.
     """
     hashed = hashlib.sha256()
     for name, array in sorted(episode.arrays.items()):
-        if not (name.startswith("observation/") and array.ndim == 1 + PICTURE_AXES):
+        if not (name in episode.labels or (name.startswith("observation/") and array.ndim == 1 + PICTURE_AXES)):
             hashed.update(f"{name} {array.dtype.str} {array.shape} ".encode())
             hashed.update(np.ascontiguousarray(array).tobytes())
     return hashed.hexdigest()
@@ -246,6 +246,10 @@ class LeRobotPlan(DatasetPlan):
         if not self.is_missing:
             record = load_record(self.path)
             self._check_same(record.recording, record.num_episodes)
+
+    @property
+    def seeds(self) -> list[int]:
+        return [episode.seed for episode in load_record(self.path).episodes]
 
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         inner = suite_env(environment)

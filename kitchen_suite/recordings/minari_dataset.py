@@ -21,11 +21,10 @@ from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks.task import PICTURE_AXES
 
 # Keys of the metadata of a dataset, the specification of the recording and the number of episodes asked for; and of
-# those of an episode, the task's sentence and the digest of the actions.
+# those of an episode: the task's sentence, the digest of the actions, and the names of their labels, after commas.
 SPEC_KEY, _COUNT_KEY = "kitchen_suite_recording", "kitchen_suite_num_episodes"
-INSTRUCTION_KEY, _ACTIONS_KEY = "instruction", "actions_sha256"
+_EPISODE_KEYS = INSTRUCTION_KEY, _ACTIONS_KEY, _LABELS_KEY = "instruction", "actions_sha256", "kitchen_suite_labels"
 
-_MAX_SEED = 2**63 - 1  # HDF5 keeps seeds in attributes of 64 bits.
 _CHUNK = 20  # Number of episodes in memory at the same time.
 
 # Minari's file of all episodes. Greatest sizes of an empty dataset, and of an array beside its elements [bytes].
@@ -46,12 +45,16 @@ class MinariPlan(DatasetPlan):
         check_id(dataset_id)
         with minari_root(root):
             self.path = absolute_root() / dataset_id
-        if spec.seed + count - 1 > _MAX_SEED:
-            raise ValueError(f"seeds in a dataset may not exceed {_MAX_SEED}, got {spec.seed + count - 1}")
         if not self.is_missing:
             with minari_root(root), files.reading(self.path, "a Minari dataset"):
                 metadata = self._minari.load_dataset(dataset_id).storage.metadata
             self._check_same(metadata.get(SPEC_KEY), metadata.get(_COUNT_KEY))
+
+    @property
+    def seeds(self) -> list[int | None]:
+        with minari_root(self._root), files.reading(self.path, "a Minari dataset"):
+            storage = self._minari.load_dataset(self.dataset_id).storage
+            return [about.get("seed") for about in storage.get_episode_metadata(range(storage.total_episodes))]
 
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         has_pictures = suite_env(environment).observations.has_pictures
@@ -65,7 +68,8 @@ class MinariPlan(DatasetPlan):
                 arrays = [array for episode in episodes for array in episode.arrays.values()]
                 files.reserve(data_file, sum(_ARRAY_BYTES + 2 * array.nbytes for array in arrays))
                 dataset.update_dataset_from_buffer([self._buffer(episode) for episode in episodes])
-                metadata = [{INSTRUCTION_KEY: each.instruction, _ACTIONS_KEY: each.actions_sha256} for each in episodes]
+                entries = [(each.instruction, each.actions_sha256, ",".join(each.labels)) for each in episodes]
+                metadata = [dict(zip(_EPISODE_KEYS, entry, strict=True)) for entry in entries]
                 dataset.storage.update_episode_metadata(metadata, range(start, start + len(episodes)))
             if has_pictures:
                 _compress(data_file)
@@ -125,7 +129,7 @@ class MinariPlan(DatasetPlan):
 
 
 class MinariSource(Source):
-    """A Minari dataset of the suite's environments, or of Gymnasium-Robotics' kitchen."""
+    """A Minari dataset of the suite's environments, or of Gymnasium-Robotics' kitchen, of `steps` control steps."""
 
     def __init__(self, dataset: Any) -> None:
         """Takes a dataset that Minari has loaded; raises a ValueError if it is of another environment."""
@@ -134,6 +138,7 @@ class MinariSource(Source):
             spec = dataset.storage.metadata.get(SPEC_KEY)
             self.spec = None if spec is None else EpisodeSpec.from_json(spec)
             self._env_spec, self.indices = dataset.env_spec, range(dataset.total_episodes)
+            self.steps = dataset.storage.total_steps
         found = self._env_spec and self._env_spec.id
         if found not in (_ORIGINAL_ID, *gymnasium_env.IDS.values(), *gymnasium_env.TASK_IDS.values()):
             raise ValueError(f"dataset {dataset.id} is not of a domain of the suite, but of {found}")
@@ -167,6 +172,8 @@ class MinariSource(Source):
                 "termination": data.terminations,
                 "truncation": data.truncations,
             }
+            for label in filter(None, str(metadata.get(_LABELS_KEY, "")).split(",")):
+                arrays[label] = arrays.pop(label.replace("label", "info", 1))[1:]
             seed, sentence = metadata.get("seed"), str(metadata.get(INSTRUCTION_KEY, ""))
             seed = None if seed is None else int(seed)
             episode = EpisodeArrays(index=index, seed=seed, arrays=arrays, instruction=sentence)

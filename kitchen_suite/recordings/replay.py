@@ -244,7 +244,7 @@ class ReplayJob:
     def run(self) -> bool:
         exactly = self._source.spec is not None
         print_line(f"{self._heading()}\n")
-        equal = 0
+        equal, unseen = 0, list[str]()
         with contextlib.closing(self._environment), self._views.open() as watch:
             print_line(_row({name: name for name in _COLUMNS}))
             for index in tqdm(self._indices, unit="episode", disable=None, leave=False):
@@ -252,7 +252,9 @@ class ReplayJob:
                 equal += comparison.is_equal(exactly=exactly)
                 self._finished += 1
                 print_line(_row(_cells(index, comparison)))
-        print_line(f"\n{equal} of {len(self._indices)} episodes are equal")
+                if comparison.is_equal(exactly=False) and not comparison.is_equal(exactly=exactly):
+                    unseen.append(f"episode {index} differs in {', '.join(comparison.arrays)}")
+        print_line("\n".join(["", *unseen, f"{equal} of {len(self._indices)} episodes are equal"]))
         return equal == len(self._indices)
 
     def _compare(self, index: int, watch: Watch, exactly: bool) -> Comparison:

@@ -45,12 +45,13 @@ class Report:
         episodes = self._episodes
         if not episodes:
             return "no episode was finished"
-        speed = sum(stats.steps for stats in episodes) / sum(stats.seconds for stats in episodes)
+        seconds = sum(stats.seconds for stats in episodes)
+        steps = sum(stats.steps for stats in episodes if stats.seconds)  # Those of kitchen-convert took no time.
         lines = {
             "episodes": str(len(episodes)),
             "mean return": _number(statistics.fmean(stats.total_reward for stats in episodes)),
             **dict(_mean(name, [stats.metrics[name] for stats in episodes]) for name in episodes[0].metrics),
-            "steps per second": f"{speed:.0f}",
+            **({"steps per second": f"{steps / seconds:.0f}"} if seconds else {}),
         }
         return tabulate(lines.items(), tablefmt="plain", disable_numparse=True)
 

@@ -16,7 +16,7 @@ from kitchen_suite.entities.fixtures import KINDS, Part
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
-from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, in_order, order_of
+from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, checked_order, in_order, order_of
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchens.certificates import certificate_of
 from kitchen_suite.tasks.kitchens.mdp import PARTS, KitchensMDP, KitchensState, SlotSensors, noise_scale, size
@@ -144,7 +144,12 @@ class PartRequests(ResetRequests):
 
     def recorded(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
         orders, goals = arrays.get(f"info/{REQUESTED_ORDER}"), arrays.get("info/goal_openings")
-        return {} if orders is None or goals is None else {REQUESTED: self.names(orders[0], goals[0])}
+        if orders is None or goals is None:
+            return {}
+        order, slots = checked_order(orders[0], MAX_PARTS, f"recorded {REQUESTED_ORDER}"), self._slots.values()
+        if goals.shape[1:] != order.shape or any((k, bool(goals[0, k])) not in slots for k in in_order(order)):
+            raise ValueError(f"recorded goal_openings ask for no tasks of this kitchen: {checks.shown(goals[0])}")
+        return {REQUESTED: self.names(order, goals[0])}
 
     def names(self, order: NDArray[np.int64], goal: Array) -> list[str]:
         """Returns the tasks that an order `(K,)` with goals `(K,)` asks for, in their sequence."""

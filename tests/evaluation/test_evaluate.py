@@ -2,6 +2,7 @@
 
 import functools
 import json
+import os
 import re
 import signal
 import subprocess
@@ -271,12 +272,32 @@ BAD = {
     "--json=.": ["--json"],
     "--json": ["--json"],
     "--num_episodes=0": ["--num_episodes", "1"],
+    f"--seed={2**63}": ["--seed", "must be at most"],
     "--variations=starts": ["'start'"],
     '--task_kwargs={"thresold":1}': ["'threshold'"],
     '--task_kwargs={"max_episode_steps":1}': ["max_episode_steps", "task_kwargs"],
     '--protocol=strict --task_kwargs={"threshold":0.1}': ["0.1", "'strict'"],
     '--variations=start --task_kwargs={"variations":"layout"}': ["'layout'", "task_kwargs"],
 }
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--json=a.npz", "--receipt=a.npz"],
+        ["--json=a.html", "--web=a.html"],
+        ["--json=runs/evaluation.json", "--output=runs"],
+        ["--json=runs/../runs/episodes.jsonl", "--output=runs"],
+    ],
+    ids=" ".join,
+)
+def test_two_outputs_in_one_file_are_refused(run, tmp_path, arguments):
+    (tmp_path / "runs").mkdir()
+    status, out, err = run(*arguments, "--num_episodes=1", "--max_episode_steps=1")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "must be different files" in err
+    assert os.listdir(tmp_path) == ["runs"]
+    assert not os.listdir(tmp_path / "runs")
 
 
 @pytest.mark.parametrize("arguments", BAD)

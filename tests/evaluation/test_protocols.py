@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import json
 import shutil
 from pathlib import Path
 
@@ -455,6 +456,17 @@ def test_recorded_actions_lead_to_the_goal(dataset):
 def test_a_dataset_is_given_where_it_is_needed(settings, shown):
     with refused((ValueError, OSError), *shown):
         plan(**settings)
+
+
+def test_states_are_measured_and_goals_taken_with_the_franka_alone(dataset, tmp_path):
+    for protocol in ("metra", "lexa", "earl", "beso"):
+        with refused(ValueError, repr(protocol), "'franka'", "'panda'"):
+            plan(protocol=protocol, task_kwargs={"robot": "panda", "control_mode": "ee_delta_pose"})
+    runs = Path(shutil.copytree(dataset, tmp_path / "runs"))
+    specification = json.loads((runs / "recording.json").read_text())
+    (runs / "recording.json").write_text(json.dumps(specification | {"task_kwargs": {"robot": "panda"}}))
+    with refused(ValueError, "runs", "'franka'", "'panda'"):
+        plan(protocol="goal-reaching", dataset=runs)
 
 
 def test_a_dataset_without_goals_is_named(tmp_path):

@@ -16,10 +16,11 @@ import pytest
 from kitchen_suite import files
 from kitchen_suite.cli.commands import evaluate, record, verify
 from kitchen_suite.evaluation import evaluate_job
-from kitchen_suite.evaluation.plan import EvaluationPlan
+from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
 from kitchen_suite.evaluation.receipts import FORMAT, Receipt, sealed
 from kitchen_suite.evaluation.results import score_episodes
 from kitchen_suite.evaluation.verify_job import DIGITS_DIFFER, checked_plan
+from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.vector_env import base as vector_base
 from kitchen_suite.versions import installed_versions, machine
@@ -443,6 +444,7 @@ REFUSED = {
     "control steps": lambda arrays, data: data["episodes"]["random_4"][0].update(control_steps=10**400),
     "measures": lambda arrays, data: data["episodes"]["random_4"][0].update(measures={"x": 1.0}),
     "infinite": lambda arrays, data: data["episodes"]["random_4"][0].update(progress=1e999),
+    "no tasks": lambda arrays, data: [each.update(asked={}) for each in data["episodes"]["random_4"]],
     "a trace": lambda arrays, data: data["episodes"]["random_4"][0].update(trace="x"),
     "an escape": lambda arrays, data: data["evaluation"].update(policy="x\x1b[2J"),
     "a long name": lambda arrays, data: data["evaluation"].update(policy="x" * 10_000),
@@ -525,6 +527,18 @@ def test_a_receipt_that_could_not_be_verified_is_refused_at_the_start(run, tmp_p
     assert run(evaluate, *SMALL, "--output=runs")[0] == 0
     status, _, err = run(evaluate, *SMALL, "--output=runs", "--resume", "--receipt=a.npz")
     assert (status, "without actions" in err) == (2, True)
+
+
+def test_a_receipt_of_many_episodes_is_read_and_one_of_too_many_goals_is_refused_at_the_start(short, tmp_path):
+    one = dataclasses.replace(short.results["random_4"][0], reset={"a": "x" * 1_000, "b": "y" * 1_000})
+    results, traces = {"random_4": [one] * 10_000}, {"random_4": [short.traces["random_4"][0]] * 10_000}
+    dataclasses.replace(short, results=results, traces=traces).write(tmp_path / "many.npz")
+    assert Receipt.read(tmp_path / "many.npz").results == results
+    plan = make_plan(EvaluateSettings(policy="zero", num_episodes=30_000))
+    evaluate_job.check_receipt(plan)
+    goals = {"random_4": [{"goal_states": [0.1] * 400}] * 30_000}
+    with pytest.raises(ValueError, match="fewer with goals"):
+        evaluate_job.check_receipt(dataclasses.replace(plan, resets=goals))
 
 
 def test_a_file_does_not_grow_beyond_what_it_declares(tmp_path):

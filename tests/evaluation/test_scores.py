@@ -223,6 +223,8 @@ def test_an_episode_that_asks_for_no_task_completes_none():
     scored = score_episodes([result(0, {}), result(1, {"kettle": 5})])
     assert (scored["p1"], scored["mean_tasks"]) == (0.5, 0.5)
     assert (scored["task_rates"]["kettle"]["asked"], scored["order_entropy"]) == (1, 1.0)
+    scored = score_episodes([result(0, {}), result(1, {})])
+    assert (scored["mean_tasks"], scored["task_rates"], scored["order_entropy"]) == (0.0, {}, 0.0)
 
 
 def test_tasks_that_cannot_be_counted_have_progress():

@@ -94,7 +94,7 @@ def test_a_dataset_of_fewer_episodes_is_not_taken_for_one_of_all(make, run):
     recorded[1].write_bytes(content)
     status, _, error = run(convert, *to_dataset("d4rl"))
     assert (status, error.count("\n")) == (1, 1)
-    assert "dataset 'me/set' was made of other episodes of this recording: name another one" in error
+    assert "dataset 'me/set' has other episodes of this recording: name another one" in error
     arguments = ["--num_threads=1", "--output=runs", f"--num_episodes={COUNT}", "--num_envs=6", "--seed=5", *SHORT]
     status, _, error = run(record, *arguments, *to_dataset("d4rl")[1:])
     assert status == 1

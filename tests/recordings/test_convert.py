@@ -1,5 +1,6 @@
 """`kitchen-convert`: data of other programs, made up here in their layouts, become recordings to learn from."""
 
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -78,6 +79,8 @@ def test_a_minari_dataset_becomes_a_recording(name, folder, capsys):
     printed = capsys.readouterr().out
     assert f"4 episodes of {name} (Minari), 40 control steps" in printed
     assert "velocities" not in printed
+    specification = json.loads((folder / "human" / "recording.json").read_text())
+    assert specification["origin"] == {"format": "Minari", "source": name, "episodes": 4, "steps": 40}
     check_recording(*recorded(), velocities=True)
 
 
@@ -85,7 +88,11 @@ def test_arrays_are_those_of_a_recording_of_the_suite(folder):
     write_d4rl("a.hdf5")
     assert convert.main(["a.hdf5", "--output=human"]) == 0
     specification = json.loads((folder / "human" / "recording.json").read_text())
-    assert specification["origin"] == {"format": "D4RL", "source": "a.hdf5"}
+    assert specification["origin"] == {
+        "format": "D4RL",
+        "source": "a.hdf5",
+        "sha256": hashlib.sha256((folder / "a.hdf5").read_bytes()).hexdigest(),
+    }
     arguments = ["--output=own", "--num_episodes=1", f"--max_episode_steps={LENGTH}", "--task_name=all"]
     assert record.main([*arguments, f"--task_kwargs={json.dumps(specification['task_kwargs'])}"]) == 0
     (converted, *_), (own, *_) = recorded()[0], recorded("own")[0]
@@ -101,6 +108,8 @@ def test_the_same_command_continues_and_other_recordings_are_kept(folder, refusa
         assert convert.main(["a.hdf5", "--output=human"]) == 0
     check_recording(*recorded(), velocities=False)
     assert "origin" in refusal(convert, "b.hdf5", "--output=human")
+    write_d4rl("a.hdf5", timeouts=True)
+    assert "sha256" in refusal(convert, "a.hdf5", "--output=human")
     assert "kitchen-convert" in refusal(replay, "human")
 
 

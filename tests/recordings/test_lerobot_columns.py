@@ -1,15 +1,25 @@
 """Episodes as the columns of LeRobot's datasets, without LeRobot; arguments of `kitchen-record --format=lerobot`."""
 
 import dataclasses
+import json
 import os
 import sys
 
 import numpy as np
 import pytest
+from helpers.errors import refused
 
 from kitchen_suite.cli.commands import record, replay
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.lerobot_dataset import DIGEST, LeRobotObservations, dataset_features, digest, home
+from kitchen_suite.recordings.lerobot_dataset import (
+    DIGEST,
+    LeRobotObservations,
+    LeRobotPlan,
+    dataset_features,
+    digest,
+    home,
+)
+from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.rollout import SingleRollout
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.settings import EpisodeSettings
@@ -56,6 +66,9 @@ def test_arrays_are_read_back_from_columns(played):
             np.testing.assert_array_equal(array, rows.astype(array.dtype), name)
     assert {"observation/agent_pos", "observation/environment_state", "observation/requested_tasks"} < projected.keys()
     assert projected[DIGEST].tobytes().hex() == digest(episode)
+    # A dataset holds no labels of actions.
+    labelled = dataclasses.replace(episode, arrays={**episode.arrays, "label/is_intervention": np.ones(3, bool)})
+    assert digest(labelled) == digest(episode)
 
 
 def test_the_digest_is_of_all_digits_of_all_arrays_but_pictures(played):
@@ -109,3 +122,16 @@ def test_a_dataset_of_another_program_has_no_seeds(tmp_path, refusal):
     (tmp_path / "meta").mkdir()
     (tmp_path / "meta/info.json").write_text("{}")
     assert "meta/kitchen_suite.json" in refusal(replay, str(tmp_path))
+
+
+def test_a_dataset_of_other_episodes_is_not_taken_for_one_of_these(tmp_path, monkeypatch):
+    monkeypatch.setattr("kitchen_suite.recordings.lerobot_dataset.import_lerobot", lambda: None)
+    spec = EpisodeSpec.of(EpisodeSettings(task_name="kettle"), seeding="gymnasium")
+    episodes = [{"index": index, "seed": index, "sha256": ""} for index in (0, 2)]
+    record = {"recording": spec.as_json(), "num_episodes": 3, "control_frequency": 12.5, "episodes": episodes}
+    (tmp_path / "me/set/meta").mkdir(parents=True)
+    (tmp_path / "me/set/meta/kitchen_suite.json").write_text(json.dumps(record))
+    plan, folder = LeRobotPlan("me/set", spec, 3, tmp_path), RecordingFolder(tmp_path, spec)
+    plan.complete(None, folder, [0, 2])
+    with refused(FileExistsError, "'me/set'", "other episodes"):
+        plan.complete(None, folder, [0, 1, 2])

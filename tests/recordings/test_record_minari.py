@@ -4,6 +4,7 @@ import functools
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium
 import minari
@@ -13,7 +14,7 @@ from helpers.episodes import left_behind, limited_files, load_episode
 from helpers.sweeps import brief_named
 from minari.dataset.minari_dataset import MinariDataset
 
-from kitchen_suite.cli.commands import record
+from kitchen_suite.cli.commands import convert, record, replay
 from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -57,6 +58,8 @@ def test_labels_of_actions_are_infos_of_the_steps_after_them(run):
         labels = recorded(index)[1]["label/is_intervention"]
         assert labels.any()
         assert episode.infos["is_intervention"].tolist() == [False, *labels]
+        assert find_source(ID).load(index).labels["label/is_intervention"].tolist() == labels.tolist()
+    assert replay.main([ID]) == 0
 
 
 @pytest.mark.parametrize("arguments", brief_named(DATASETS, kept=["goals by task", "cabinet"]))
@@ -123,6 +126,18 @@ def test_a_dataset_can_be_made_of_a_recording_that_is_there(run, monkeypatch):
     before = os.stat("datasets/random-v1/data/main_data.hdf5").st_mtime_ns
     assert run("--dataset=random-v1")[0] == 0
     assert os.stat("datasets/random-v1/data/main_data.hdf5").st_mtime_ns == before
+
+
+def test_a_dataset_of_an_interrupted_recording_is_not_taken_for_one_of_all(run):
+    assert run()[0] == 0
+    missing = Path("runs/episode_000001.npz")
+    missing.rename("elsewhere.npz")
+    assert convert.main(["runs", f"--dataset={ID}"]) == 0
+    Path("elsewhere.npz").rename(missing)
+    assert convert.main(["runs", f"--dataset={ID}"]) == 1
+    status, _, err = run(f"--dataset={ID}")
+    assert status == 1
+    assert err == f"kitchen-record: dataset '{ID}' has other episodes of this recording: name another one\n"
 
 
 def test_datasets_may_be_elsewhere(run):

@@ -260,14 +260,14 @@ def test_an_array_of_fewer_steps_is_refused(run, runs, name):
     assert re.fullmatch(r"kitchen-replay: runs/episode_000001.npz does not hold an episode: .* does not fit .*\n", err)
 
 
-def test_an_info_that_differs_is_a_difference(run, runs):
+def test_an_info_that_differs_is_a_difference_and_named(run, runs):
     def later(array):
         array[:] = 5
 
     change(1, **{"info/completion_steps": later})
     status, out, _ = run("runs", "--episodes=0,1")
-    assert status == 1
-    assert out.endswith("\n1 of 2 episodes are equal\n")
+    assert (status, len(rows(out))) == (1, 2)
+    assert out.endswith("\n\nepisode 1 differs in info/completion_steps\n1 of 2 episodes are equal\n")
 
 
 def test_other_versions_are_printed(run, runs):

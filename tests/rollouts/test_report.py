@@ -1,5 +1,7 @@
 """The report of `kitchen-rollout`, on any metrics."""
 
+import dataclasses
+
 import pytest
 
 from kitchen_suite.rollouts.episode import EpisodeStats
@@ -55,3 +57,12 @@ def test_a_task_without_metrics_is_reported():
         "episode  seed    return  steps  seconds",
         "      0     0   -1234.6     10     0.50",
     ]
+
+
+def test_episodes_that_took_no_time_have_no_speed():
+    """Those of kitchen-convert."""
+    report = Report(last_seed=1)
+    report.add(dataclasses.replace(stats(), seconds=0.0))
+    assert "steps per second" not in report.summary()
+    report.add(stats(1))
+    assert report.summary().endswith("steps per second  20")

@@ -402,6 +402,10 @@ def test_requests_are_recorded_and_asked_for_again():
     start(environment, *options["requested_tasks"])
     assert environment.task.requested_tasks == names
     assert environment.task.requests.recorded({}) == {}
+    orders, goals = arrays.values()
+    for wrong in ((orders[:, :0], goals), (orders * 0, goals), (orders, goals[:, :0]), (orders, 1 - goals)):
+        with pytest.raises(ValueError, match="recorded "):
+            environment.task.requests.recorded(dict(zip(arrays, wrong, strict=True)))
 
 
 @pytest.mark.thorough
