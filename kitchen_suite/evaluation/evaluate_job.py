@@ -231,9 +231,7 @@ def check_receipt(plan: EvaluationPlan) -> None:
     steps = episodes * plan.first.max_episode_steps
     size = episodes * receipts.ENTRY_SIZE + len(json.dumps([*plan.resets.values()]))
     if episodes > receipts.MAX_EPISODES or steps > receipts.MAX_STEPS or size > receipts.MAX_METADATA:
-        limits = (
-            f"at most {receipts.MAX_EPISODES:,} episodes, fewer with goals, and {receipts.MAX_STEPS:,} control steps"
-        )
+        limits = f"{receipts.MAX_EPISODES:,} episodes, fewer with goals, and {receipts.MAX_STEPS:,} control steps"
         raise ValueError(f"a receipt holds at most {limits}, not {episodes:,} and {steps:,}: evaluate fewer episodes")
 
 
