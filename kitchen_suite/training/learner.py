@@ -85,6 +85,7 @@ class Training(abc.ABC):
       config: hyperparameters, a dataclass.
       training_kwargs: arguments of the environments that are trained in alone.
       max_episode_steps: of evaluations.
+      data: recorded arrays that are learned from, or arrays of the policy that is started from.
     """
 
     title: str
@@ -92,6 +93,7 @@ class Training(abc.ABC):
     config: Any
     training_kwargs: dict[str, Any]
     max_episode_steps: int
+    data: Sequence[NDArray] = ()
 
     @abc.abstractmethod
     def make_learner(self, seed: int) -> Learner:

@@ -251,6 +251,7 @@ class ImitationTraining(RecordingTraining):
         """Reads the demonstrations; `spec` is that of the environments that are evaluated in."""
         super().__init__(settings, spec, METHODS[settings.algorithm])
         found = load_demonstrations(settings.demonstrations, spec, self._tasks, settings.num_demonstrations)
+        self.data = found.inputs, found.actions, found.last, *found.pictures.values()
         options = {"num_steps": self._num_steps, "tasks": self._tasks, "extras": self._extras}
         self._build = functools.partial(ImitationLearner, found, self._method, self.config, **options)
 
@@ -270,6 +271,7 @@ class OfflineTraining(RecordingTraining):
         elements = inputs.goal_elements if reaches else ()
         folders, counts = settings.demonstrations, settings.num_demonstrations
         found = load_transitions(folders, spec, tasks, counts, with_rewards=not reaches)
+        self.data = found
         goals = {"goal_size": len(elements)} if reaches else {}
         metadata = {"state_size": inputs.state_size, "tasks": [*tasks], **goals, **self._extras}
         options: dict[str, Any] = {"num_steps": self._num_steps, "goal_elements": elements, "metadata": metadata}

@@ -292,6 +292,8 @@ class PPOTraining(Training):
         task = self.environments.composer_task
         self.config = config.for_actions(task.mdp.action_mode.spec(task.robot))
         self._initial_policy, self.demonstrations = self._load_initial_policy(), self._load_demonstrations()
+        given = self._initial_policy.arrays.values() if self._initial_policy else ()
+        self.data = *(self.demonstrations or ()), *given
 
     def make_learner(self, seed: int) -> PPOLearner:
         learner = PPOLearner(self.environments, self.config, seed)

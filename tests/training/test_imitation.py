@@ -251,6 +251,22 @@ def test_a_run_trains_a_policy_that_observes_what_is_asked(imitate, tmp_path, al
     assert (status, "all steps were made" in out) == (0, True)
 
 
+@pytest.mark.parametrize("algorithm", ["bc", pytest.param("offline_bc", marks=pytest.mark.thorough)])
+def test_a_run_is_not_resumed_with_other_demonstrations(imitate, tmp_path, algorithm):
+    # The scales of inputs and actions are those of the demonstrations, and the networks were fitted with them.
+    flags, run = (f"--algorithm={algorithm}", "--num_demonstrations=1"), tmp_path / "run"
+    hyperparameters = '--hyperparameters={"width": 8, "blocks": 1, "batch_size": 8}'
+    assert imitate(*flags, hyperparameters)[0] == 0
+    status, _, err = imitate(flags[0], hyperparameters, "--num_steps=40", "--resume")
+    assert status == 2
+    assert re.fullmatch(r"kitchen-train: [^\n]+on other data[^\n]+--demonstrations[^\n]+\n", err)
+    description = json.loads((run / "training.json").read_text())
+    del description["data_sha256"]
+    # Runs of an earlier version have no digest.
+    (run / "training.json").write_text(json.dumps(description))
+    assert imitate(flags[0], hyperparameters, "--num_steps=40", "--resume")[0] == 0
+
+
 def test_a_run_without_draws_trains_a_policy_that_does_not_observe_what_is_asked(imitate, tmp_path):
     assert imitate("--algorithm=bc", "--num_demonstrations=2", task_kwargs={})[0] == 0
     policy = load_policy(tmp_path / "run" / "policy.npz")

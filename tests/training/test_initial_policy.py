@@ -72,6 +72,9 @@ def test_a_run_evaluates_the_initial_policy_first(policy, tmp_path, capsys):
     # The only batch trains the values alone, so the policy is still the initial one.
     trained, observations = TrainedPolicy.load(tmp_path / "run" / "policy.npz"), np.ones((1, 25))
     np.testing.assert_allclose(trained(observations), policy(observations), rtol=1e-4, atol=1e-6)
+    without = [each for each in arguments if "initial_policy" not in each]
+    assert train.main([*without, "--resume"]) == 2
+    assert "on other data: pass the same" in capsys.readouterr().err
 
 
 def test_a_policy_and_demonstrations_exclude_each_other(policy, tmp_path, capsys):
