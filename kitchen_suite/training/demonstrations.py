@@ -204,8 +204,13 @@ def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[st
     return recording
 
 
-def check_same(folder: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec, names: Collection[str]) -> None:
-    """Raises a ValueError unless the arguments of some names of recorded environments and of others are the same."""
+def check_same(
+    path: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec, names: Collection[str], verb: str = "recorded"
+) -> None:
+    """Raises a ValueError unless the arguments of some names of recorded environments and of others are the same.
+
+    In the message, the `verb` says what was done with the former to make the file or folder.
+    """
     for name in names:
         one, other = (spec.argument(name) for spec in (recorded, wanted))
         if one != other:
@@ -213,7 +218,7 @@ def check_same(folder: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec,
         if one != other:
             remedy = _REMEDIES.get(name, "pass the same --task_kwargs to both commands")
             found, wanted_now = json.dumps(one), json.dumps(other)
-            raise ValueError(f"{folder} was recorded with {name} {found}, but this run has {wanted_now}: {remedy}")
+            raise ValueError(f"{path} was {verb} with {name} {found}, but this run has {wanted_now}: {remedy}")
 
 
 def _title(spec: EnvironmentSpec) -> str:

@@ -22,7 +22,7 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import IMITATION, TrainSettings
 from kitchen_suite.tasks.task import ResetRequests, SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint
-from kitchen_suite.training.demonstrations import OBSERVATION_OPTIONS, load_to_clone
+from kitchen_suite.training.demonstrations import OBSERVATION_OPTIONS, check_same, load_to_clone
 from kitchen_suite.training.hyperparameters import Hyperparameters, find_recipe
 from kitchen_suite.training.learner import DivergedError, Learner, Training, episode_metrics
 from kitchen_suite.training.ppo import Actor, Agent, Batch, adopt_policy, export_policy
@@ -331,15 +331,18 @@ class PPOTraining(Training):
         return arguments
 
     def _load_initial_policy(self) -> TrainedPolicy | None:
-        """Returns the policy to start from, if any; raises as `TrainedPolicy.load`."""
+        """Returns the policy to start from, if any; raises as `TrainedPolicy.load`, and as `check_same`."""
         path = self._settings.initial_policy
         if path is None:
             return None
         if self._settings.demonstrations:
             raise ValueError("--initial_policy and --demonstrations both give a policy to start from: give one of them")
         policy = TrainedPolicy.load(path)
-        if (domain := policy.metadata["domain_name"]) != self._settings.domain_name:
+        domain, task, arguments = (policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs"))
+        if domain != self._settings.domain_name:
             raise ValueError(f"{path} is a policy of the domain {domain}, not of {self._settings.domain_name}")
+        trained, options = EnvironmentSpec.make(domain, task, arguments), suite.find_domain(domain).control_options
+        check_same(path, trained, self._spec, (*OBSERVATION_OPTIONS, *options), "trained")
         return policy
 
     def _load_demonstrations(self) -> tuple[NDArray, NDArray] | None:
