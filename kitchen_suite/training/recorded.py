@@ -234,6 +234,10 @@ class RecordingTraining(Training):
         self.training_kwargs: dict[str, Any] = {}
         self.max_episode_steps = spec.max_episode_steps
         self._num_steps = settings.schedule.num_steps
+        fitting = getattr(self.config, "quantizer_steps", 0)
+        if self._num_steps <= fitting:
+            of_codes = f", the quantizer_steps in which {method.title} fits its codes alone" if fitting else ""
+            raise ValueError(f"num_steps must be above {fitting}{of_codes}, got {self._num_steps}")
         with spec.make_environment() as environment:
             task = suite_env(environment).composer_task
             # Of the tasks that can be requested, each episode draws some.

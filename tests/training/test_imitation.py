@@ -242,12 +242,14 @@ def test_demonstrations_of_other_tasks_are_refused_and_of_some_tasks_warned_of(i
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_run_trains_a_policy_that_observes_what_is_asked(imitate, tmp_path, algorithm):
-    assert imitate(f"--algorithm={algorithm}")[0] == 0
+    hyperparameters = f"--hyperparameters={json.dumps({**SMALL, **QUICK[algorithm]})}"
+    flags = f"--algorithm={algorithm}", hyperparameters, "--num_steps=120", "--eval_interval=120"
+    assert imitate(*flags)[0] == 0
     policy = load_policy(tmp_path / "run" / "policy.npz")
     assert policy.given.tasks == ["kettle", "microwave", "light switch"]
     assert policy.metadata["algorithm"] == algorithm
     assert json.loads((tmp_path / "run" / "training.json").read_text())["algorithm"] == algorithm
-    status, out, _ = imitate(f"--algorithm={algorithm}", "--resume")
+    status, out, _ = imitate(*flags, "--resume")
     assert (status, "all steps were made" in out) == (0, True)
 
 
@@ -283,6 +285,8 @@ BAD = {
     ("--algorithm=bc", '--hyperparameters={"widht": 3}'): ["'width'"],
     ("--algorithm=bc", '--hyperparameters={"flow_steps": 3}'): ["hyperparameter"],
     ("--algorithm=bc", '--hyperparameters={"executed": 9}'): ["executed", "8", "9"],
+    ("--algorithm=bc", "--num_steps=0"): ["num_steps", "0"],
+    ("--algorithm=vqbet", '--hyperparameters={"quantizer_steps": 20}'): ["num_steps", "quantizer_steps", "20"],
     ("--algorithm=bc", "--domain_name=open_cabinet", "--task_name=top_drawer"): ["kitchen"],
 }
 
