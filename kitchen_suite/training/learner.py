@@ -53,6 +53,13 @@ class Learner(abc.ABC):
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
         """Returns a controller that acts by an exported policy."""
 
+    def check_finite(self, networks: Mapping[str, torch.nn.Module]) -> None:
+        """Raises a DivergedError unless all parameters of networks, by name, are finite."""
+        for name, network in networks.items():
+            if not all(parameter.isfinite().all() for parameter in network.parameters()):
+                problem = f"the {name} network is no longer finite: lower the learning rate"
+                raise DivergedError(f"after {self.steps} steps {problem}")
+
     def state(self) -> dict[str, Any]:
         """Returns the state of learning, as in a `Checkpoint`; that of the episodes in progress is not part of it."""
         return {

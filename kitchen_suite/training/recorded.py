@@ -55,6 +55,9 @@ class RecordingLearner(Learner):
         started = time.perf_counter()
         losses = [self._step() for _ in range(min(_STEPS, self._num_steps - self.steps))]
         seconds = time.perf_counter() - started
+        if not math.isfinite(sum(losses)):
+            raise DivergedError(f"after {self.steps} steps the loss is no longer finite: lower the learning rate")
+        self.check_finite({"learned": self._method, "averaged": self._average})
         return {self._loss_name: float(np.mean(losses)), "time/update_milliseconds": 1000 * seconds / len(losses)}
 
     def _step(self) -> float:
@@ -188,12 +191,6 @@ class OfflineLearner(RecordingLearner):
         learning: Iterable[torch.nn.Parameter] = (each for each in built.parameters() if each.requires_grad)
         optimizer = torch.optim.Adam(learning, lr=config.learning_rate, fused=True)
         super().__init__(built, built.network, optimizer, config, num_steps)
-
-    def learn(self) -> dict[str, float]:
-        metrics = super().learn()
-        if not math.isfinite(metrics[self._loss_name]):
-            raise DivergedError(f"after {self.steps} steps the loss is no longer finite: lower the learning rate")
-        return metrics
 
     def _draw_loss(self) -> torch.Tensor:
         return self._method.loss(*self._sampler.draw(), self.steps)

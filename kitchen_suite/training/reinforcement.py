@@ -24,7 +24,7 @@ from kitchen_suite.tasks.task import ResetRequests, SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.demonstrations import OBSERVATION_OPTIONS, check_same, load_to_clone
 from kitchen_suite.training.hyperparameters import Hyperparameters, find_recipe
-from kitchen_suite.training.learner import DivergedError, Learner, Training, episode_metrics
+from kitchen_suite.training.learner import Learner, Training, episode_metrics
 from kitchen_suite.training.ppo import Actor, Agent, Batch, adopt_policy, export_policy
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -197,10 +197,7 @@ class PPOLearner(Learner):
         self._collected, self.batch, self._next_batch = following, self._next_batch, self.batch
         self.warmup_batches = max(self.warmup_batches - 1, 0)
         self.steps += self._config.batch_size
-        for name, model in self.agent.networks.items():
-            if not all(parameter.isfinite().all() for parameter in model.parameters()):
-                problem = f"the {name} network is no longer finite: lower the learning rate"
-                raise DivergedError(f"after {self.steps} steps {problem}")
+        self.check_finite(self.agent.networks)
         return means
 
     def _update(self) -> dict[str, float]:

@@ -301,6 +301,15 @@ def test_bad_arguments_are_refused_in_one_line(imitate, tmp_path, flags):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_diverged_run_ends_with_one_line(algorithm):
+    from kitchen_suite.training.learner import DivergedError
+
+    taught = learner(algorithm, num_steps=100, learning_rate=1e30)
+    with pytest.raises(DivergedError, match=r"^after 100 steps .* is no longer finite: lower the learning rate$"):
+        taught.learn()
+
+
 def test_imitation_needs_demonstrations(tmp_path, capsys):
     assert train.main([f"--output={tmp_path / 'run'}", "--algorithm=flow"]) == 2
     assert "algorithm 'flow' needs --demonstrations" in capsys.readouterr().err
