@@ -3,9 +3,11 @@
 import json
 import re
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.errors import refused
 from helpers.human_files import write_d4rl
 
 from kitchen_suite import suite
@@ -285,6 +287,7 @@ BAD = {
     ("--algorithm=bc", '--hyperparameters={"widht": 3}'): ["'width'"],
     ("--algorithm=bc", '--hyperparameters={"flow_steps": 3}'): ["hyperparameter"],
     ("--algorithm=bc", '--hyperparameters={"executed": 9}'): ["executed", "8", "9"],
+    ("--algorithm=bc", '--hyperparameters={"batch_size": 10000000000000}'): ["batch_size", "1048576"],
     ("--algorithm=bc", "--num_steps=0"): ["num_steps", "0"],
     ("--algorithm=vqbet", '--hyperparameters={"quantizer_steps": 20}'): ["num_steps", "quantizer_steps", "20"],
     ("--algorithm=bc", "--domain_name=open_cabinet", "--task_name=top_drawer"): ["kitchen"],
@@ -328,7 +331,7 @@ def test_episodes_that_failed_are_left_out(recording):
     assert {*shown.inputs[:, -1].tolist()} <= {0.0, 1.0}
 
 
-def test_only_interventions_are_learned_from(tmp_path, capsys):
+def test_only_interventions_are_learned_from(tmp_path, monkeypatch):
     from kitchen_suite.rollouts.folder import RecordingFolder
     from kitchen_suite.training.demonstrations import load_recording, load_to_clone
 
@@ -346,6 +349,13 @@ def test_only_interventions_are_learned_from(tmp_path, capsys):
     lengths = [int(labels.sum()) for labels in taught]
     np.testing.assert_array_equal(shown.last, np.repeat(np.cumsum(lengths) - 1, lengths))
     np.testing.assert_array_equal(load_to_clone(folder, opened.spec)[1], expected)
+    for arrays in episodes:
+        arrays["label/is_intervention"] = np.zeros(len(arrays["action"]), bool)
+    stored = [SimpleNamespace(arrays=arrays) for arrays in episodes]
+    monkeypatch.setattr(RecordingFolder, "load", lambda _, index: stored[index])
+    for load in (lambda: load_recording(folder, opened.spec, ["kettle"]), lambda: load_to_clone(folder, opened.spec)):
+        with refused(ValueError, "never intervened"):
+            load()
 
 
 def test_chunks_end_where_an_intervention_does():
@@ -465,8 +475,17 @@ def test_a_run_learns_from_recorded_pictures(tmp_path, capsys):
     folder, output = tmp_path / "pictures", tmp_path / "run"
     task = ["--domain_name=kitchen", "--task_name=light_switch", f"--task_kwargs={json.dumps(PIXELS)}"]
     assert record.main([f"--output={folder}", *task, "--policy=expert", "--num_episodes=2", "--num_envs=2"]) == 0
-    spec = EnvironmentSpec.make(domain_name="kitchen", task_name="light_switch", task_kwargs=PIXELS)
-    shown = load_demonstrations([folder], spec, (), ())
+
+    def load(**changes):
+        kwargs = {name: value for name, value in {**PIXELS, **changes}.items() if value}
+        spec = EnvironmentSpec.make(domain_name="kitchen", task_name="light_switch", task_kwargs=kwargs)
+        return load_demonstrations([folder], spec, (), ())
+
+    for name, value in {"cameras": ["overview"], "image_size": [32, 24]}.items():
+        with refused(ValueError, f"was recorded with {name}", json.dumps(value)):
+            load(**{name: value})
+    # The camera is the default one.
+    shown = load(cameras=None)
     assert shown.state_elements == tuple(range(18))
     assert shown.pictures["workspace"].shape == (len(shown.actions), 24, 32, 3)
     with np.load(folder / "episode_000000.npz") as episode:
