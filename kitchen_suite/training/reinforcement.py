@@ -59,9 +59,20 @@ class TaskBalance:
         requested = infos.get("attempted_tasks_mask", requested)
         for i in np.flatnonzero(ended).tolist():
             self.success += np.where(requested[i], completed[i] - self.success, 0.0) / _MEMORY
-        self._requests.weights = 1.0 + _LEAST_WEIGHT - self.success
+        self._set_weights()
         each = {name: completed[ended & requested[:, column], column] for column, name in enumerate(self._names)}
         return {f"episode/success/{name}": done.astype(np.float64) for name, done in each.items() if done.size}
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        return {"success": torch.as_tensor(self.success)}
+
+    def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Restores the success of an interrupted run, and with it the weights."""
+        self.success[:] = state["success"].numpy()
+        self._set_weights()
+
+    def _set_weights(self) -> None:
+        self._requests.weights = 1.0 + _LEAST_WEIGHT - self.success
 
 
 def clone(agent: Agent, observations: NDArray, actions: NDArray, epochs: int, report: Callable[[float], None]) -> None:
@@ -135,7 +146,7 @@ class PPOLearner(Learner):
 
     @property
     def modules(self) -> Mapping[str, Any]:
-        return self.agent.modules
+        return self.agent.modules | ({"balance": self._balance} if self._balance else {})
 
     def imitate(self, observations: NDArray, actions: NDArray, report: Callable[[float], None]) -> None:
         """Clones demonstrations, as `clone`; the next `value_batches` batches then train the value network alone."""
@@ -339,7 +350,7 @@ class PPOTraining(Training):
         if domain != self._settings.domain_name:
             raise ValueError(f"{path} is a policy of the domain {domain}, not of {self._settings.domain_name}")
         trained, options = EnvironmentSpec.make(domain, task, arguments), suite.find_domain(domain).control_options
-        check_same(path, trained, self._spec, (*OBSERVATION_OPTIONS, *options), "trained")
+        check_same(path, trained, self._spec, (*OBSERVATION_OPTIONS, *options))
         return policy
 
     def _load_demonstrations(self) -> tuple[NDArray, NDArray] | None:
