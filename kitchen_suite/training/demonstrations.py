@@ -145,10 +145,7 @@ def _pictures(observations: Sequence[Any], task: SuiteTask, chosen: NDArray[np.b
 
 
 def _taught(episodes: Sequence[Mapping[str, NDArray]], folder: Path) -> list[NDArray[np.bool_]]:
-    """Returns which actions `(T,)` of each episode are a demonstrator's: interventions; all where none are labelled.
-
-    Raises a ValueError if none are.
-    """
+    """Returns which actions `(T,)` of each episode are a demonstrator's: interventions; all where it has no labels."""
     taught = [each.get("label/is_intervention", np.ones(len(each["action"]), np.bool_)) for each in episodes]
     if not any(each.any() for each in taught):
         raise ValueError(f"{folder} holds no actions of a demonstrator: its policy never intervened")
@@ -209,13 +206,8 @@ def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[st
     return recording
 
 
-def check_same(
-    path: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec, names: Collection[str], verb: str = "recorded"
-) -> None:
-    """Raises a ValueError unless the arguments of some names of recorded environments and of others are the same.
-
-    In the message, the `verb` says what was done with the former to make the file or folder.
-    """
+def check_same(path: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec, names: Collection[str]) -> None:
+    """Raises a ValueError unless the arguments of some names of recorded environments and of others are the same."""
     for name in names:
         one, other = (spec.argument(name) for spec in (recorded, wanted))
         if one != other:
@@ -223,7 +215,7 @@ def check_same(
         if one != other:
             remedy = _REMEDIES.get(name, "pass the same --task_kwargs to both commands")
             found, wanted_now = json.dumps(one), json.dumps(other)
-            raise ValueError(f"{path} was {verb} with {name} {found}, but this run has {wanted_now}: {remedy}")
+            raise ValueError(f"{path} was made with {name} {found}, but this run has {wanted_now}: {remedy}")
 
 
 def _title(spec: EnvironmentSpec) -> str:

@@ -2,6 +2,7 @@
 
 import abc
 import collections
+import hashlib
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -101,6 +102,12 @@ class Training(abc.ABC):
     training_kwargs: dict[str, Any]
     max_episode_steps: int
     data: Sequence[NDArray] = ()
+
+    @property
+    def data_sha256(self) -> str:
+        """SHA-256 of the data: of the shape of each array, and of the SHA-256 of its contents."""
+        parts = [(each.shape, hashlib.sha256(each.ravel().view(np.uint8)).hexdigest()) for each in self.data]
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     @abc.abstractmethod
     def make_learner(self, seed: int) -> Learner:

@@ -23,7 +23,7 @@ from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.demonstrations import Demonstrations, load_demonstrations
 from kitchen_suite.training.hyperparameters import ImitationHyperparameters, OfflineHyperparameters, checked_changes
 from kitchen_suite.training.imitation import METHODS, ImitationMethod, TorchEncoder, TorchNetwork, augmented
-from kitchen_suite.training.learner import DivergedError, Learner, Training
+from kitchen_suite.training.learner import Learner, Training
 from kitchen_suite.training.offline import OFFLINE_METHODS, OfflineMethod
 from kitchen_suite.training.transitions import GoalSampler, Sampler, Transitions, load_transitions
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -55,8 +55,6 @@ class RecordingLearner(Learner):
         started = time.perf_counter()
         losses = [self._step() for _ in range(min(_STEPS, self._num_steps - self.steps))]
         seconds = time.perf_counter() - started
-        if not math.isfinite(sum(losses)):
-            raise DivergedError(f"after {self.steps} steps the loss is no longer finite: lower the learning rate")
         self.check_finite({"learned": self._method, "averaged": self._average})
         return {self._loss_name: float(np.mean(losses)), "time/update_milliseconds": 1000 * seconds / len(losses)}
 
@@ -231,10 +229,8 @@ class RecordingTraining(Training):
         self.training_kwargs: dict[str, Any] = {}
         self.max_episode_steps = spec.max_episode_steps
         self._num_steps = settings.schedule.num_steps
-        fitting = getattr(self.config, "quantizer_steps", 0)
-        if self._num_steps <= fitting:
-            of_codes = f", the quantizer_steps in which {method.title} fits its codes alone" if fitting else ""
-            raise ValueError(f"num_steps must be above {fitting}{of_codes}, got {self._num_steps}")
+        if self._num_steps <= (fitting := getattr(self.config, "quantizer_steps", 0)):
+            raise ValueError(f"num_steps must be above {fitting} (quantizer_steps, or 0), got {self._num_steps}")
         with spec.make_environment() as environment:
             task = suite_env(environment).composer_task
             # Of the tasks that can be requested, each episode draws some.

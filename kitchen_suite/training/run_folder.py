@@ -1,13 +1,9 @@
 """The folder of a training run: its description, by which a resumed run is recognised as the same."""
 
 import dataclasses
-import hashlib
 import json
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
-
-from numpy.typing import NDArray
 
 from kitchen_suite import files
 
@@ -27,7 +23,7 @@ class RunDescription:
       hyperparameters: all of them, by name.
       seed: of the first learner.
       algorithm: one of `settings.ALGORITHMS`.
-      data_sha256: `data_digest` of what is learned or started from; None in descriptions of an earlier version.
+      data_sha256: of what is learned or started from; None in descriptions of an earlier version.
     """
 
     domain_name: str
@@ -63,12 +59,3 @@ class RunDescription:
         entries = json.loads(json.dumps(vars(self)))
         entries.pop("data_sha256", None)
         return {**entries.pop("task_kwargs"), **entries.pop("hyperparameters"), **entries}
-
-
-def data_digest(arrays: Iterable[NDArray]) -> str:
-    """Returns the SHA-256 of arrays in their order, of any number."""
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(f"{array.dtype.str} {array.shape} ".encode())
-        digest.update(array.ravel().view("uint8"))
-    return digest.hexdigest()

@@ -18,7 +18,7 @@ from kitchen_suite.settings import ALGORITHMS, FAILURE, OFFLINE, PPO, PlaySettin
 from kitchen_suite.training.checkpoints import CheckpointError
 from kitchen_suite.training.learner import DivergedError, Training
 from kitchen_suite.training.reinforcement import PPOTraining, make_spec
-from kitchen_suite.training.run_folder import RunDescription, data_digest
+from kitchen_suite.training.run_folder import RunDescription
 from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, NO_RESULT, POLICY_FILE, SeedRun, StopReason
 
 _EVALUATION_ENVS = 20  # Environments that policies are evaluated in.
@@ -56,7 +56,7 @@ class TrainJob:
         self.training.make_learner(settings.seed)
         self._seed_run: SeedRun | None = None
         self._best = self._present_best() if settings.resume else NO_RESULT
-        own = {"algorithm": settings.algorithm, "data_sha256": data_digest(self.training.data)}
+        own = {"algorithm": settings.algorithm, "data_sha256": self.training.data_sha256}
         description = RunDescription(**self.metadata, seed=settings.seed, **own)
         (description.resume if settings.resume else description.create)(settings.output)
 

@@ -482,7 +482,7 @@ def test_a_run_learns_from_recorded_pictures(tmp_path, capsys):
         return load_demonstrations([folder], spec, (), ())
 
     for name, value in {"cameras": ["overview"], "image_size": [32, 24]}.items():
-        with refused(ValueError, f"was recorded with {name}", json.dumps(value)):
+        with refused(ValueError, f"was made with {name}", json.dumps(value)):
             load(**{name: value})
     # The camera is the default one.
     shown = load(cameras=None)

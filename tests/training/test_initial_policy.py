@@ -85,7 +85,7 @@ def test_a_policy_of_another_control_mode_is_refused(policy, tmp_path, capsys):
     scale = json.dumps({**SMALL, "action_scale": policy.action_scale.tolist()})
     flags += [f"--initial_policy={tmp_path / 'initial.npz'}", f"--hyperparameters={scale}", "--num_threads=1"]
     assert train.main(flags) == 2
-    assert 'was trained with control_mode "joint_offset", but this run has "joint_position"' in capsys.readouterr().err
+    assert 'was made with control_mode "joint_offset", but this run has "joint_position"' in capsys.readouterr().err
 
 
 def test_a_policy_and_demonstrations_exclude_each_other(policy, tmp_path, capsys):
