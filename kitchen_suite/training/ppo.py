@@ -288,7 +288,7 @@ class Agent:
         if config.value_clip:
             predicted = values + (predicted - values).clamp(-config.value_clip, config.value_clip)
         value_loss = config.value_scale * torch.nn.functional.mse_loss(predicted, samples.returns)
-        # The entropy of a normal distribution, without its constant.
+        # The mean entropy of the elements of an action, without its constant.
         entropy_loss = -config.entropy_scale * self.policy.log_deviation.mean()
         self.optimizer.zero_grad()
         (policy_loss + value_loss + entropy_loss).backward()
