@@ -106,7 +106,7 @@ class Training(abc.ABC):
     @property
     def data_sha256(self) -> str:
         """SHA-256 of the data: of the shape of each array, and of the SHA-256 of its contents."""
-        parts = [(each.shape, hashlib.sha256(each.ravel().view(np.uint8)).hexdigest()) for each in self.data]
+        parts = [(each.shape, hashlib.sha256(each.ravel().view(np.uint8).data).hexdigest()) for each in self.data]
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     @abc.abstractmethod
