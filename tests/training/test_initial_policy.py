@@ -83,7 +83,12 @@ def test_a_policy_of_another_control_mode_is_refused(policy, tmp_path, capsys):
     policy.save(tmp_path / "initial.npz")
     flags = ["--domain_name=open_cabinet", "--control_mode=joint_position", f"--output={tmp_path / 'run'}"]
     scale = json.dumps({**SMALL, "action_scale": policy.action_scale.tolist()})
-    flags += [f"--initial_policy={tmp_path / 'initial.npz'}", f"--hyperparameters={scale}", "--num_threads=1"]
+    flags += [
+        f"--initial_policy={tmp_path / 'initial.npz'}",
+        f"--hyperparameters={scale}",
+        "--num_threads=1",
+        "--num_steps=64",
+    ]
     assert train.main(flags) == 2
     assert 'was made with control_mode "joint_offset", but this run has "joint_position"' in capsys.readouterr().err
 
