@@ -268,6 +268,7 @@ class Runs(Kind):
             training_kwargs={"c": True},
             hyperparameters={"b": 2.0},
             seed=3,
+            data_sha256="0123abcd",
         )
         self.description.create(self.folder)
 
@@ -278,6 +279,9 @@ class Runs(Kind):
     def read(self, is_edit):
         self.description.resume(self.folder)
         entries = json.loads(self.paths[0].read_text())
+        if entries.get("data_sha256") is None:
+            # Those of an earlier version have none.
+            entries["data_sha256"] = self.description.data_sha256
         assert {**entries, **vars(self.description)} == entries
 
 

@@ -193,8 +193,9 @@ class SuiteEnv(gymnasium.Env):
         """
         if name in domain.control_options[1:]:
             return None
-        if name == PHYSICS:
-            return domain.physics
+        own = {PHYSICS: domain.physics, "cameras": cls.default_cameras}
+        if name in own:
+            return own[name]
         signatures = [inspect.signature(each).parameters for each in (*cls._constructors(), *domain.argument_functions)]
         default = next((signature[name].default for signature in signatures if name in signature), None)
         return None if default is inspect.Parameter.empty else default

@@ -109,13 +109,12 @@ def load_recording(
         single = suite_env(environment)
         task, robot, sees = single.composer_task, single.observations.robot_elements, single.observations.has_pictures
     episodes = [recording.load(index).arrays for index in indices]
-    taught = [_taught(arrays) for arrays in episodes]
+    taught = _taught(episodes, folder)
     chosen = np.concatenate(taught)
-    if not chosen.any():
-        raise ValueError(f"{folder} holds no actions of a demonstrator: its policy never intervened")
     observations = [unflatten(arrays, "observation") for arrays in episodes]
     policy_inputs = task.policy_inputs
     if sees:
+        check_same(folder, recording.spec, spec, ("cameras", "image_size"))
         # Of the state they have the robot's part alone.
         policy_inputs = dataclasses.replace(policy_inputs, state_size=len(robot))
     inputs = np.concatenate([policy_inputs.state_and_requests(each, tasks)[:-1] for each in observations])
@@ -145,9 +144,12 @@ def _pictures(observations: Sequence[Any], task: SuiteTask, chosen: NDArray[np.b
     return found
 
 
-def _taught(arrays: Mapping[str, NDArray]) -> NDArray[np.bool_]:
-    """Returns which actions `(T,)` of an episode are a demonstrator's: interventions; all where none are labelled."""
-    return arrays.get("label/is_intervention", np.ones(len(arrays["action"]), np.bool_))
+def _taught(episodes: Sequence[Mapping[str, NDArray]], folder: Path) -> list[NDArray[np.bool_]]:
+    """Returns which actions `(T,)` of each episode are a demonstrator's: interventions; all where it has no labels."""
+    taught = [each.get("label/is_intervention", np.ones(len(each["action"]), np.bool_)) for each in episodes]
+    if not any(each.any() for each in taught):
+        raise ValueError(f"{folder} holds no actions of a demonstrator: its policy never intervened")
+    return taught
 
 
 def _last_of_stretches(taught: Sequence[NDArray[np.bool_]]) -> NDArray[np.int64]:
@@ -183,7 +185,7 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
     episodes = [recording.load(index).arrays for index in recording.indices]
     with spec.make_environment() as environment:
         flatten = suite_env(environment).composer_task.policy_inputs.flatten
-    taught = np.concatenate([_taught(arrays) for arrays in episodes])
+    taught = np.concatenate(_taught(episodes, folder))
     observations = np.concatenate([flatten(unflatten(arrays, "observation"))[:-1] for arrays in episodes])[taught]
     actions = np.concatenate([arrays["action"] for arrays in episodes])[taught]
     return finite(observations, folder), finite(actions, folder)
@@ -204,7 +206,7 @@ def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[st
     return recording
 
 
-def check_same(folder: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec, names: Collection[str]) -> None:
+def check_same(path: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec, names: Collection[str]) -> None:
     """Raises a ValueError unless the arguments of some names of recorded environments and of others are the same."""
     for name in names:
         one, other = (spec.argument(name) for spec in (recorded, wanted))
@@ -213,7 +215,7 @@ def check_same(folder: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec,
         if one != other:
             remedy = _REMEDIES.get(name, "pass the same --task_kwargs to both commands")
             found, wanted_now = json.dumps(one), json.dumps(other)
-            raise ValueError(f"{folder} was recorded with {name} {found}, but this run has {wanted_now}: {remedy}")
+            raise ValueError(f"{path} was made with {name} {found}, but this run has {wanted_now}: {remedy}")
 
 
 def _title(spec: EnvironmentSpec) -> str:

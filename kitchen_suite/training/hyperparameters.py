@@ -102,19 +102,11 @@ _POSITIVE = ("exploration", "standardisation_epsilon")
 
 # Greatest values, of those that have one: of factors, and of sizes beyond any machine's memory.
 _MAXIMA = {
-    "num_envs": 2**16,
-    "rollouts": 2**16,
-    "mini_batches": 2**16,
-    "hidden": 2**14,
-    "width": 2**14,
-    "value_width": 2**14,
-    "chunk": 2**10,
-    "n_step": 2**10,
-    "averaging": 1,
-    "discount": 1,
-    "expectile": 1,
-    "target_rate": 1,
-    "gae_lambda": 1,
+    **dict.fromkeys(("batch_size", "clone_epochs"), 2**20),
+    **dict.fromkeys(("num_envs", "rollouts", "mini_batches", "candidates"), 2**16),
+    **dict.fromkeys(("hidden", "width", "value_width", "features", "codes", "latent"), 2**14),
+    **dict.fromkeys(("chunk", "n_step", "blocks", "flow_steps", "codebooks", "shift"), 2**10),
+    **dict.fromkeys(("averaging", "discount", "expectile", "target_rate", "gae_lambda"), 1),
 }
 
 

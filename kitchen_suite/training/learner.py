@@ -2,6 +2,7 @@
 
 import abc
 import collections
+import hashlib
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -53,6 +54,13 @@ class Learner(abc.ABC):
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
         """Returns a controller that acts by an exported policy."""
 
+    def check_finite(self, networks: Mapping[str, torch.nn.Module]) -> None:
+        """Raises a DivergedError unless all parameters of networks, by name, are finite."""
+        for name, network in networks.items():
+            if not all(parameter.isfinite().all() for parameter in network.parameters()):
+                problem = f"the {name} network is no longer finite: lower the learning rate"
+                raise DivergedError(f"after {self.steps} steps {problem}")
+
     def state(self) -> dict[str, Any]:
         """Returns the state of learning, as in a `Checkpoint`; that of the episodes in progress is not part of it."""
         return {
@@ -85,6 +93,7 @@ class Training(abc.ABC):
       config: hyperparameters, a dataclass.
       training_kwargs: arguments of the environments that are trained in alone.
       max_episode_steps: of evaluations.
+      data: recorded arrays that are learned from, or arrays of the policy that is started from.
     """
 
     title: str
@@ -92,6 +101,13 @@ class Training(abc.ABC):
     config: Any
     training_kwargs: dict[str, Any]
     max_episode_steps: int
+    data: Sequence[NDArray] = ()
+
+    @property
+    def data_sha256(self) -> str:
+        """SHA-256 of the data: of the shape of each array, and of the SHA-256 of its contents."""
+        parts = [(each.shape, hashlib.sha256(each.ravel().view(np.uint8).data).hexdigest()) for each in self.data]
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     @abc.abstractmethod
     def make_learner(self, seed: int) -> Learner:

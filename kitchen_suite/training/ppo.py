@@ -288,7 +288,7 @@ class Agent:
         if config.value_clip:
             predicted = values + (predicted - values).clamp(-config.value_clip, config.value_clip)
         value_loss = config.value_scale * torch.nn.functional.mse_loss(predicted, samples.returns)
-        # The entropy of a normal distribution, without its constant.
+        # The mean entropy of the elements of an action, without its constant.
         entropy_loss = -config.entropy_scale * self.policy.log_deviation.mean()
         self.optimizer.zero_grad()
         (policy_loss + value_loss + entropy_loss).backward()
@@ -363,11 +363,13 @@ def adopt_policy(agent: Agent, policy: TrainedPolicy) -> None:
         raise ValueError(f"the policy has layers {policy.layers}, but task and hyperparameters make {own.layers}")
     if not np.array_equal(policy.action_scale, own.action_scale):
         raise ValueError(f"the policy has the action_scale {policy.action_scale}, not {own.action_scale}")
+    scaler, least = agent.observation_scaler, policy.deviation.min()
+    if least < np.float32(scaler.epsilon):
+        raise ValueError(f"standardisation_epsilon must be at most {least}, the policy's least, got {scaler.epsilon}")
     for layer, weight, bias in zip(_linear_layers(agent.policy), policy.weights, policy.biases, strict=True):
         layer.weight.copy_(torch.as_tensor(weight))
         layer.bias.copy_(torch.as_tensor(bias))
     agent.restart_average()
-    scaler = agent.observation_scaler
     scaler.running_mean.copy_(torch.as_tensor(policy.mean))
     scaler.running_variance.copy_((torch.as_tensor(policy.deviation) - scaler.epsilon).clamp(min=0.0).square())
     scaler.freeze()

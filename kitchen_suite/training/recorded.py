@@ -23,7 +23,7 @@ from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.demonstrations import Demonstrations, load_demonstrations
 from kitchen_suite.training.hyperparameters import ImitationHyperparameters, OfflineHyperparameters, checked_changes
 from kitchen_suite.training.imitation import METHODS, ImitationMethod, TorchEncoder, TorchNetwork, augmented
-from kitchen_suite.training.learner import DivergedError, Learner, Training
+from kitchen_suite.training.learner import Learner, Training
 from kitchen_suite.training.offline import OFFLINE_METHODS, OfflineMethod
 from kitchen_suite.training.transitions import GoalSampler, Sampler, Transitions, load_transitions
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -55,6 +55,7 @@ class RecordingLearner(Learner):
         started = time.perf_counter()
         losses = [self._step() for _ in range(min(_STEPS, self._num_steps - self.steps))]
         seconds = time.perf_counter() - started
+        self.check_finite({"learned": self._method, "averaged": self._average})
         return {self._loss_name: float(np.mean(losses)), "time/update_milliseconds": 1000 * seconds / len(losses)}
 
     def _step(self) -> float:
@@ -189,12 +190,6 @@ class OfflineLearner(RecordingLearner):
         optimizer = torch.optim.Adam(learning, lr=config.learning_rate, fused=True)
         super().__init__(built, built.network, optimizer, config, num_steps)
 
-    def learn(self) -> dict[str, float]:
-        metrics = super().learn()
-        if not math.isfinite(metrics[self._loss_name]):
-            raise DivergedError(f"after {self.steps} steps the loss is no longer finite: lower the learning rate")
-        return metrics
-
     def _draw_loss(self) -> torch.Tensor:
         return self._method.loss(*self._sampler.draw(), self.steps)
 
@@ -234,6 +229,8 @@ class RecordingTraining(Training):
         self.training_kwargs: dict[str, Any] = {}
         self.max_episode_steps = spec.max_episode_steps
         self._num_steps = settings.schedule.num_steps
+        if self._num_steps <= (fitting := getattr(self.config, "quantizer_steps", 0)):
+            raise ValueError(f"num_steps must be above {fitting} (quantizer_steps, or 0), got {self._num_steps}")
         with spec.make_environment() as environment:
             task = suite_env(environment).composer_task
             # Of the tasks that can be requested, each episode draws some.
@@ -251,6 +248,7 @@ class ImitationTraining(RecordingTraining):
         """Reads the demonstrations; `spec` is that of the environments that are evaluated in."""
         super().__init__(settings, spec, METHODS[settings.algorithm])
         found = load_demonstrations(settings.demonstrations, spec, self._tasks, settings.num_demonstrations)
+        self.data = found.inputs, found.actions, found.last, *found.pictures.values()
         options = {"num_steps": self._num_steps, "tasks": self._tasks, "extras": self._extras}
         self._build = functools.partial(ImitationLearner, found, self._method, self.config, **options)
 
@@ -270,6 +268,7 @@ class OfflineTraining(RecordingTraining):
         elements = inputs.goal_elements if reaches else ()
         folders, counts = settings.demonstrations, settings.num_demonstrations
         found = load_transitions(folders, spec, tasks, counts, with_rewards=not reaches)
+        self.data = found
         goals = {"goal_size": len(elements)} if reaches else {}
         metadata = {"state_size": inputs.state_size, "tasks": [*tasks], **goals, **self._extras}
         options: dict[str, Any] = {"num_steps": self._num_steps, "goal_elements": elements, "metadata": metadata}

@@ -22,9 +22,9 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import IMITATION, TrainSettings
 from kitchen_suite.tasks.task import ResetRequests, SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint
-from kitchen_suite.training.demonstrations import OBSERVATION_OPTIONS, load_to_clone
+from kitchen_suite.training.demonstrations import OBSERVATION_OPTIONS, check_same, load_to_clone
 from kitchen_suite.training.hyperparameters import Hyperparameters, find_recipe
-from kitchen_suite.training.learner import DivergedError, Learner, Training, episode_metrics
+from kitchen_suite.training.learner import Learner, Training, episode_metrics
 from kitchen_suite.training.ppo import Actor, Agent, Batch, adopt_policy, export_policy
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -59,9 +59,20 @@ class TaskBalance:
         requested = infos.get("attempted_tasks_mask", requested)
         for i in np.flatnonzero(ended).tolist():
             self.success += np.where(requested[i], completed[i] - self.success, 0.0) / _MEMORY
-        self._requests.weights = 1.0 + _LEAST_WEIGHT - self.success
+        self._set_weights()
         each = {name: completed[ended & requested[:, column], column] for column, name in enumerate(self._names)}
         return {f"episode/success/{name}": done.astype(np.float64) for name, done in each.items() if done.size}
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        return {"success": torch.as_tensor(self.success)}
+
+    def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Restores the success of an interrupted run, and with it the weights."""
+        self.success[:] = state["success"].numpy()
+        self._set_weights()
+
+    def _set_weights(self) -> None:
+        self._requests.weights = 1.0 + _LEAST_WEIGHT - self.success
 
 
 def clone(agent: Agent, observations: NDArray, actions: NDArray, epochs: int, report: Callable[[float], None]) -> None:
@@ -135,7 +146,7 @@ class PPOLearner(Learner):
 
     @property
     def modules(self) -> Mapping[str, Any]:
-        return self.agent.modules
+        return self.agent.modules | ({"balance": self._balance} if self._balance else {})
 
     def imitate(self, observations: NDArray, actions: NDArray, report: Callable[[float], None]) -> None:
         """Clones demonstrations, as `clone`; the next `value_batches` batches then train the value network alone."""
@@ -197,10 +208,7 @@ class PPOLearner(Learner):
         self._collected, self.batch, self._next_batch = following, self._next_batch, self.batch
         self.warmup_batches = max(self.warmup_batches - 1, 0)
         self.steps += self._config.batch_size
-        for name, model in self.agent.networks.items():
-            if not all(parameter.isfinite().all() for parameter in model.parameters()):
-                problem = f"the {name} network is no longer finite: lower the learning rate"
-                raise DivergedError(f"after {self.steps} steps {problem}")
+        self.check_finite(self.agent.networks)
         return means
 
     def _update(self) -> dict[str, float]:
@@ -292,6 +300,8 @@ class PPOTraining(Training):
         task = self.environments.composer_task
         self.config = config.for_actions(task.mdp.action_mode.spec(task.robot))
         self._initial_policy, self.demonstrations = self._load_initial_policy(), self._load_demonstrations()
+        given = self._initial_policy.arrays.values() if self._initial_policy else ()
+        self.data = *(self.demonstrations or ()), *given
 
     def make_learner(self, seed: int) -> PPOLearner:
         learner = PPOLearner(self.environments, self.config, seed)
@@ -329,15 +339,18 @@ class PPOTraining(Training):
         return arguments
 
     def _load_initial_policy(self) -> TrainedPolicy | None:
-        """Returns the policy to start from, if any; raises as `TrainedPolicy.load`."""
+        """Returns the policy to start from, if any; raises as `TrainedPolicy.load`, and as `check_same`."""
         path = self._settings.initial_policy
         if path is None:
             return None
         if self._settings.demonstrations:
             raise ValueError("--initial_policy and --demonstrations both give a policy to start from: give one of them")
         policy = TrainedPolicy.load(path)
-        if (domain := policy.metadata["domain_name"]) != self._settings.domain_name:
+        domain, task, arguments = (policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs"))
+        if domain != self._settings.domain_name:
             raise ValueError(f"{path} is a policy of the domain {domain}, not of {self._settings.domain_name}")
+        trained, options = EnvironmentSpec.make(domain, task, arguments), suite.find_domain(domain).control_options
+        check_same(path, trained, self._spec, (*OBSERVATION_OPTIONS, *options))
         return policy
 
     def _load_demonstrations(self) -> tuple[NDArray, NDArray] | None:

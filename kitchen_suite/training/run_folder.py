@@ -23,6 +23,7 @@ class RunDescription:
       hyperparameters: all of them, by name.
       seed: of the first learner.
       algorithm: one of `settings.ALGORITHMS`.
+      data_sha256: of what is learned or started from; None in descriptions of an earlier version.
     """
 
     domain_name: str
@@ -32,6 +33,7 @@ class RunDescription:
     hyperparameters: dict[str, Any]
     seed: int
     algorithm: str = "ppo"
+    data_sha256: str | None = None
 
     def create(self, folder: Path) -> None:
         """Writes it to the folder of a new run, as `DescribedFolder.create`."""
@@ -42,14 +44,18 @@ class RunDescription:
 
         Raises:
           OSError: the folder cannot be written to, or holds no run.
-          ValueError: it holds a run with another description.
+          ValueError: it holds a run with another description, or on other data.
         """
         found = files.parse(_RUN.load(folder), RunDescription, str(folder / RUN_FILE))
         _RUN.resume(folder, found.entries(), self.entries())
+        if found.data_sha256 not in (None, self.data_sha256):
+            remedy = "pass the same --demonstrations, --num_demonstrations or --initial_policy, or name another folder"
+            raise ValueError(f"{folder} holds a training run on other data: {remedy}")
         for subfolder in folder.glob("seed_*"):
             files.remove_stale_partials(subfolder)
 
     def entries(self) -> dict[str, Any]:
-        """Returns it as JSON, with the arguments of the task and the hyperparameters beside the other entries."""
+        """Returns it as JSON without the data; arguments of the task and hyperparameters are beside other entries."""
         entries = json.loads(json.dumps(vars(self)))
+        entries.pop("data_sha256", None)
         return {**entries.pop("task_kwargs"), **entries.pop("hyperparameters"), **entries}

@@ -56,7 +56,8 @@ class TrainJob:
         self.training.make_learner(settings.seed)
         self._seed_run: SeedRun | None = None
         self._best = self._present_best() if settings.resume else NO_RESULT
-        description = RunDescription(**self.metadata, seed=settings.seed, algorithm=settings.algorithm)
+        own: dict[str, Any] = {"algorithm": settings.algorithm, "data_sha256": self.training.data_sha256}
+        description = RunDescription(**self.metadata, seed=settings.seed, **own)
         (description.resume if settings.resume else description.create)(settings.output)
 
     def progress(self) -> str:

@@ -3,9 +3,11 @@
 import json
 import re
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.errors import refused
 from helpers.human_files import write_d4rl
 
 from kitchen_suite import suite
@@ -242,13 +244,31 @@ def test_demonstrations_of_other_tasks_are_refused_and_of_some_tasks_warned_of(i
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_run_trains_a_policy_that_observes_what_is_asked(imitate, tmp_path, algorithm):
-    assert imitate(f"--algorithm={algorithm}")[0] == 0
+    hyperparameters = f"--hyperparameters={json.dumps({**SMALL, **QUICK[algorithm]})}"
+    flags = f"--algorithm={algorithm}", hyperparameters, "--num_steps=120", "--eval_interval=120"
+    assert imitate(*flags)[0] == 0
     policy = load_policy(tmp_path / "run" / "policy.npz")
     assert policy.given.tasks == ["kettle", "microwave", "light switch"]
     assert policy.metadata["algorithm"] == algorithm
     assert json.loads((tmp_path / "run" / "training.json").read_text())["algorithm"] == algorithm
-    status, out, _ = imitate(f"--algorithm={algorithm}", "--resume")
+    status, out, _ = imitate(*flags, "--resume")
     assert (status, "all steps were made" in out) == (0, True)
+
+
+@pytest.mark.parametrize("algorithm", ["bc", pytest.param("offline_bc", marks=pytest.mark.thorough)])
+def test_a_run_is_not_resumed_with_other_demonstrations(imitate, tmp_path, algorithm):
+    # The scales of inputs and actions are those of the demonstrations, and the networks were fitted with them.
+    flags, run = (f"--algorithm={algorithm}", "--num_demonstrations=1"), tmp_path / "run"
+    hyperparameters = '--hyperparameters={"width": 8, "blocks": 1, "batch_size": 8}'
+    assert imitate(*flags, hyperparameters)[0] == 0
+    status, _, err = imitate(flags[0], hyperparameters, "--num_steps=40", "--resume")
+    assert status == 2
+    assert re.fullmatch(r"kitchen-train: [^\n]+on other data[^\n]+--demonstrations[^\n]+\n", err)
+    description = json.loads((run / "training.json").read_text())
+    del description["data_sha256"]
+    # Runs of an earlier version have no digest.
+    (run / "training.json").write_text(json.dumps(description))
+    assert imitate(flags[0], hyperparameters, "--num_steps=40", "--resume")[0] == 0
 
 
 def test_a_run_without_draws_trains_a_policy_that_does_not_observe_what_is_asked(imitate, tmp_path):
@@ -267,6 +287,9 @@ BAD = {
     ("--algorithm=bc", '--hyperparameters={"widht": 3}'): ["'width'"],
     ("--algorithm=bc", '--hyperparameters={"flow_steps": 3}'): ["hyperparameter"],
     ("--algorithm=bc", '--hyperparameters={"executed": 9}'): ["executed", "8", "9"],
+    ("--algorithm=bc", '--hyperparameters={"batch_size": 10000000000000}'): ["batch_size", "1048576"],
+    ("--algorithm=bc", "--num_steps=0"): ["num_steps", "0"],
+    ("--algorithm=vqbet", '--hyperparameters={"quantizer_steps": 20}'): ["num_steps", "quantizer_steps", "20"],
     ("--algorithm=bc", "--domain_name=open_cabinet", "--task_name=top_drawer"): ["kitchen"],
 }
 
@@ -279,6 +302,15 @@ def test_bad_arguments_are_refused_in_one_line(imitate, tmp_path, flags):
     assert re.fullmatch(r"kitchen-train: [^\n]+\n", err)
     assert all(part in err for part in BAD[flags]), err
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_diverged_run_ends_with_one_line(algorithm):
+    from kitchen_suite.training.learner import DivergedError
+
+    taught = learner(algorithm, num_steps=100, learning_rate=1e30)
+    with pytest.raises(DivergedError, match=r"^after 100 steps .* is no longer finite: lower the learning rate$"):
+        taught.learn()
 
 
 def test_imitation_needs_demonstrations(tmp_path, capsys):
@@ -299,7 +331,7 @@ def test_episodes_that_failed_are_left_out(recording):
     assert {*shown.inputs[:, -1].tolist()} <= {0.0, 1.0}
 
 
-def test_only_interventions_are_learned_from(tmp_path, capsys):
+def test_only_interventions_are_learned_from(tmp_path, monkeypatch):
     from kitchen_suite.rollouts.folder import RecordingFolder
     from kitchen_suite.training.demonstrations import load_recording, load_to_clone
 
@@ -317,6 +349,13 @@ def test_only_interventions_are_learned_from(tmp_path, capsys):
     lengths = [int(labels.sum()) for labels in taught]
     np.testing.assert_array_equal(shown.last, np.repeat(np.cumsum(lengths) - 1, lengths))
     np.testing.assert_array_equal(load_to_clone(folder, opened.spec)[1], expected)
+    for arrays in episodes:
+        arrays["label/is_intervention"] = np.zeros(len(arrays["action"]), bool)
+    stored = [SimpleNamespace(arrays=arrays) for arrays in episodes]
+    monkeypatch.setattr(RecordingFolder, "load", lambda _, index: stored[index])
+    for load in (lambda: load_recording(folder, opened.spec, ["kettle"]), lambda: load_to_clone(folder, opened.spec)):
+        with refused(ValueError, "never intervened"):
+            load()
 
 
 def test_chunks_end_where_an_intervention_does():
@@ -436,8 +475,17 @@ def test_a_run_learns_from_recorded_pictures(tmp_path, capsys):
     folder, output = tmp_path / "pictures", tmp_path / "run"
     task = ["--domain_name=kitchen", "--task_name=light_switch", f"--task_kwargs={json.dumps(PIXELS)}"]
     assert record.main([f"--output={folder}", *task, "--policy=expert", "--num_episodes=2", "--num_envs=2"]) == 0
-    spec = EnvironmentSpec.make(domain_name="kitchen", task_name="light_switch", task_kwargs=PIXELS)
-    shown = load_demonstrations([folder], spec, (), ())
+
+    def load(**changes):
+        kwargs = {name: value for name, value in {**PIXELS, **changes}.items() if value}
+        spec = EnvironmentSpec.make(domain_name="kitchen", task_name="light_switch", task_kwargs=kwargs)
+        return load_demonstrations([folder], spec, (), ())
+
+    for name, value in {"cameras": ["overview"], "image_size": [32, 24]}.items():
+        with refused(ValueError, f"was made with {name}", json.dumps(value)):
+            load(**{name: value})
+    # The camera is the default one.
+    shown = load(cameras=None)
     assert shown.state_elements == tuple(range(18))
     assert shown.pictures["workspace"].shape == (len(shown.actions), 24, 32, 3)
     with np.load(folder / "episode_000000.npz") as episode:

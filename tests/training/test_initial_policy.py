@@ -51,6 +51,7 @@ def test_a_learner_starts_with_the_actions_of_the_policy_and_trains_the_values_f
     [
         ({"hidden": [8, 8]}, ["[25, 8, 8]", "[25, 8, 8, 8]"]),
         ({"action_scale": [0.02] * 8}, ["action_scale"]),
+        ({"standardisation_epsilon": 30.0}, ["standardisation_epsilon", "30.0"]),
     ],
 )
 def test_policies_of_other_networks_are_refused(envs, policy, changes, shown):
@@ -72,6 +73,24 @@ def test_a_run_evaluates_the_initial_policy_first(policy, tmp_path, capsys):
     # The only batch trains the values alone, so the policy is still the initial one.
     trained, observations = TrainedPolicy.load(tmp_path / "run" / "policy.npz"), np.ones((1, 25))
     np.testing.assert_allclose(trained(observations), policy(observations), rtol=1e-4, atol=1e-6)
+    without = [each for each in arguments if "initial_policy" not in each]
+    assert train.main([*without, "--resume"]) == 2
+    assert "on other data: pass the same" in capsys.readouterr().err
+
+
+def test_a_policy_of_another_control_mode_is_refused(policy, tmp_path, capsys):
+    # It has the same layers and scales, but its actions would mean something else.
+    policy.save(tmp_path / "initial.npz")
+    flags = ["--domain_name=open_cabinet", "--control_mode=joint_position", f"--output={tmp_path / 'run'}"]
+    scale = json.dumps({**SMALL, "action_scale": policy.action_scale.tolist()})
+    flags += [
+        f"--initial_policy={tmp_path / 'initial.npz'}",
+        f"--hyperparameters={scale}",
+        "--num_threads=1",
+        "--num_steps=64",
+    ]
+    assert train.main(flags) == 2
+    assert 'was made with control_mode "joint_offset", but this run has "joint_position"' in capsys.readouterr().err
 
 
 def test_a_policy_and_demonstrations_exclude_each_other(policy, tmp_path, capsys):

@@ -177,7 +177,7 @@ def test_demonstrations_that_do_not_fit_are_refused(tmp_path, capsys, goal_forma
     arguments += [*ARGUMENTS, "--domain_name=kitchen", f"--hyperparameters={scale}", f"--output={tmp_path / 'run'}"]
     assert train.main(arguments) == 2
     err = capsys.readouterr().err
-    assert 'was recorded with tasks_to_complete ["microwave"], but this run has ["kettle"]' in err
+    assert 'was made with tasks_to_complete ["microwave"], but this run has ["kettle"]' in err
 
 
 # Recorded with the first, trained with the second; the last says whether they mean the same.
@@ -209,7 +209,7 @@ def test_demonstrations_whose_numbers_mean_something_else_are_refused(tmp_path, 
     RecordingFolder.create(tmp_path, episodes)
     # A recording without episodes, which is refused only after its arguments have been compared.
     remedy = "record again without obs_type" if "obs_type" in recorded else "pass the same --task_kwargs"
-    message = "holds no episodes yet" if same else f"was recorded with .*, but this run has .*: {remedy}"
+    message = "holds no episodes yet" if same else f"was made with .*, but this run has .*: {remedy}"
     with pytest.raises(ValueError, match=message):
         load_to_clone(tmp_path, spec_of("kitchen", "all", **trained))
 
