@@ -44,14 +44,14 @@ def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
         while not timestep.last():
             timestep, count = environment.step(act(timestep)), count + 1
         steps[name] = count if task.episode_metrics["success"] else None
-    opened = {name.partition(" ")[2] for name, count in steps.items() if count and not VERBS[name.partition(" ")[0]][0]}
-    planned = reached_handles(design)
+    completed = (name.split(" ") for name, count in steps.items() if count)
+    opened = {part for verb, part in completed if not VERBS[verb][0]}
     return Certificate(
         design=number,
         digest=certificates.design_digest(design),
         physics=task.scene.physics,
         depth_mm=round(1e3 * depth, 3),
-        reached={name: reaches or name in opened for name, reaches in planned.items()},
+        reached={name: reaches or name in opened for name, reaches in reached_handles(design).items()},
         steps=steps,
     )
 

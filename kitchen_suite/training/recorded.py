@@ -230,7 +230,7 @@ class RecordingTraining(Training):
         self.max_episode_steps = spec.max_episode_steps
         self._num_steps = settings.schedule.num_steps
         if self._num_steps <= (fitting := getattr(self.config, "quantizer_steps", 0)):
-            raise ValueError(f"num_steps must be above {fitting} (quantizer_steps, or 0), got {self._num_steps}")
+            raise ValueError(f"num_steps must be above {fitting}, the steps that fit no policy, got {self._num_steps}")
         with spec.make_environment() as environment:
             task = suite_env(environment).composer_task
             # Of the tasks that can be requested, each episode draws some.

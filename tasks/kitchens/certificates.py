@@ -17,8 +17,6 @@ from kitchen_suite.entities.designs import SPLITS, KitchenDesign
 
 _SHIPPED = Path(__file__).parent / "certificates"
 
-_BEGINNING = b'{"design":'  # Of every line.
-
 
 class Certificate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Measurements of a kitchen, and the tasks that the expert completed in it.
@@ -58,7 +56,7 @@ def read(path: Path) -> dict[int, Certificate]:
     """
     with files.reading(path, "a file of certificates"):
         *lines, rest = path.read_bytes().split(b"\n")
-        if not rest.startswith(_BEGINNING[: len(rest)]):
+        if not rest.startswith(b'{"design":'[: len(rest)]):
             raise ValueError("the last line is not a certificate")
         certificates = [msgspec.json.decode(line, type=Certificate) for line in lines]
     return {certificate.design: certificate for certificate in certificates}

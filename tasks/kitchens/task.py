@@ -344,9 +344,6 @@ def part_words(scene: GeneratedKitchen) -> tuple[str, ...]:
     return tuple(words)
 
 
-# Difference of the directions of fixtures below which one is above the other [rad].
-_SAME_AZIMUTH = 0.01
-
 _ORDINALS = (
     *("first ", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth "),
     *("ninth ", "tenth ", "eleventh ", "twelfth ", "thirteenth ", "fourteenth ", "fifteenth ", "sixteenth "),
@@ -360,7 +357,7 @@ def _words(one: Placed, placed: Sequence[Placed]) -> str:
     same.sort(key=lambda each: np.arctan2(each.position[0], each.position[1]))
     places = {1: ("",), 2: ("left ", "right "), 3: ("left ", "middle ", "right ")}.get(len(same), _ORDINALS)
     azimuths = [np.arctan2(each.position[0], each.position[1]) for each in same]
-    if (np.diff(azimuths) < _SAME_AZIMUTH).any():
+    if (np.diff(azimuths) < 0.01).any():  # One is above another.
         same.sort(key=lambda each: each.position[2])
         places = ("lower ", "upper ") if len(same) == 2 else _ORDINALS
     return f"{places[same.index(one)]}{words}"
