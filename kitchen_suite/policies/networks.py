@@ -207,7 +207,7 @@ def _take_parts(arrays: dict[str, NDArray], name: str, parts: Iterable[str]) -> 
 def checked(array: NDArray, name: str) -> NDArray[np.float32]:
     """Returns an array; raises a ValueError unless it is of finite numbers of float32."""
     if array.dtype != np.float32 or not np.isfinite(array).all():
-        raise ValueError(f"{name} must be of float32, without NaN and infinity; it is of {array.dtype}")
+        raise ValueError(f"{name} must be finite numbers of float32; it is of {array.dtype}")
     return array
 
 

@@ -56,7 +56,7 @@ class TaskDraw:
         if least > most:
             raise ValueError(f"{name} must be a pair of the least and greatest number, got {given}")
         if most > count:
-            raise ValueError(f"{name} is {given}, but there are {count} tasks")
+            raise ValueError(f"{name} is {given}, but there are {count} tasks_to_complete")
         return cls(least=least, most=most)
 
     def draw(self, random_state: np.random.RandomState, weights: Array) -> NDArray[np.int64]:
