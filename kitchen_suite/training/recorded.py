@@ -229,8 +229,9 @@ class RecordingTraining(Training):
         self.training_kwargs: dict[str, Any] = {}
         self.max_episode_steps = spec.max_episode_steps
         self._num_steps = settings.schedule.num_steps
-        if self._num_steps <= (fitting := getattr(self.config, "quantizer_steps", 0)):
-            raise ValueError(f"num_steps must be above {fitting}, the steps that fit no policy, got {self._num_steps}")
+        if self._num_steps <= (codes := getattr(self.config, "quantizer_steps", 0)):
+            bound = f"the {codes} quantizer_steps" if codes else "0"
+            raise ValueError(f"num_steps must be above {bound}, got {self._num_steps}")
         with spec.make_environment() as environment:
             task = suite_env(environment).composer_task
             # Of the tasks that can be requested, each episode draws some.
