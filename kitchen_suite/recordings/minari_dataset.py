@@ -68,8 +68,8 @@ class MinariPlan(DatasetPlan):
                 arrays = [array for episode in episodes for array in episode.arrays.values()]
                 files.reserve(data_file, sum(_ARRAY_BYTES + 2 * array.nbytes for array in arrays))
                 dataset.update_dataset_from_buffer([self._buffer(episode) for episode in episodes])
-                entries = [(each.instruction, each.actions_sha256, ",".join(each.labels)) for each in episodes]
-                metadata = [dict(zip(_EPISODE_KEYS, entry, strict=True)) for entry in entries]
+                rows = [(each.instruction, each.actions_sha256, ",".join(each.labels)) for each in episodes]
+                metadata = [{key: text for key, text in zip(_EPISODE_KEYS, row, strict=True) if text} for row in rows]
                 dataset.storage.update_episode_metadata(metadata, range(start, start + len(episodes)))
             if has_pictures:
                 _compress(data_file)

@@ -261,12 +261,15 @@ class Forger:
         dataclasses.replace(self.receipt, **changes).write(path)
 
     def action(self, path):
-        """Another number of an action, with effect: one of the arm's joints is moved otherwise."""
+        """Another number of an action, with effect: one of the arm's joints is moved otherwise.
+
+        Not the second one, which is at the lower end of its range, where velocities below 0 have the same target.
+        """
         name = self.generator.choice([*self.receipt.traces])
         traces = list(self.receipt.traces[name])
         index = int(self.generator.integers(len(traces)))
         actions = traces[index].actions.copy()
-        step, joint = int(self.generator.integers(len(actions))), int(self.generator.integers(7))
+        step, joint = int(self.generator.integers(len(actions))), int(self.generator.choice([0, 2, 3, 4, 5, 6]))
         old = actions[step, joint]
         actions[step, joint] = old + 0.1 if old < 0.5 else old - 0.1
         traces[index] = dataclasses.replace(traces[index], actions=actions)
