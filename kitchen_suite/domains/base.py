@@ -93,8 +93,7 @@ class Domain:
         for task in self.tasks:
             _check_form(task, _NAME, "name of a task")
         _check_form(self.env_id, _ENV_ID, "id of an environment")
-        if not isinstance(self.task_id, str | None):
-            raise TypeError(f"task_id must be a string, got {checks.shown(self.task_id)}")
+        _check_form(self.task_id, re.compile(".*"), "task_id")
         checks.choice(self.physics, PHYSICS, "physics")
         for env_id in self.task_ids.values():
             _check_form(env_id, _ENV_ID, "id of an environment")

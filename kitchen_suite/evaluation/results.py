@@ -12,6 +12,7 @@ from scipy import special
 
 from kitchen_suite import files
 from kitchen_suite.evaluation.protocols import Score
+from kitchen_suite.settings import MAX_SEED
 from kitchen_suite.tasks.task import SuiteTask
 
 # Probability with which an interval contains the true value.
@@ -22,7 +23,7 @@ _TAIL = (1.0 + CONFIDENCE) / 2.0
 # An interval: its least and its greatest value; None where episodes are too few for one.
 Interval = tuple[float, float] | None
 
-Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+Count = Annotated[int, Meta(ge=0, le=MAX_SEED)]
 
 # Decimals of the scores; those beyond would differ between versions of SciPy.
 _DECIMALS = 6
