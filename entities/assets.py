@@ -69,15 +69,14 @@ def load_mjcf(name: str, *, visuals: bool = True) -> mjcf.RootElement:
 def new_model(name: str) -> mjcf.RootElement:
     """Returns an empty model with the compiler settings of the suite's MJCF files, for entities built in Python."""
     model = mjcf.RootElement(model=name, model_dir=str(asset_dir()))
-    model.compiler.set_attributes(angle="radian", inertiagrouprange=[3, 5])
+    model.compiler.set_attributes(angle="radian")
     return model
 
 
 def remove_visuals(model: mjcf.RootElement) -> None:
     """Removes the visual geoms, and every mesh, material and texture left unused.
 
-    Visual geoms neither collide nor have mass, and are outside the geom groups from which MuJoCo computes inertia: the
-    physics is the same to the bit with and without them.
+    Visual geoms neither collide nor have mass: the physics is the same to the bit with and without them.
     """
     for geom in model.find_all("geom", exclude_attachments=True):
         if is_visual(geom):

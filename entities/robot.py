@@ -191,30 +191,14 @@ def _prepared(model: mjcf.RootElement, visuals: bool) -> mjcf.RootElement:
     for kind in ("light", "sensor", "key"):
         for element in model.find_all(kind, exclude_attachments=True):
             element.remove()
-    _fix_inertia(model)
+    # Bodies without an inertia of their own have that of their colliding geoms, with and without visual ones.
+    for geom in model.find_all("geom", exclude_attachments=True):
+        if assets.is_visual(geom):
+            geom.mass = 0
     for options in (model.option, model.visual, model.statistic, model.size):
         options.remove()
     (assets.split_visual_geoms if visuals else assets.remove_visuals)(model)
     return model
-
-
-def _fix_inertia(model: mjcf.RootElement) -> None:
-    """States the inertia of bodies whose geoms have no class and no group.
-
-    MuJoCo computes it from the groups 3 to 5 alone in the kitchen, and geoms are in group 0 by default.
-    """
-    bodies = [
-        body
-        for body in model.find_all("body", exclude_attachments=True)
-        if body.geom and body.inertial is None and not any(geom.dclass or geom.group for geom in body.geom)
-    ]
-    if not bodies:
-        return
-    physics = mjcf.Physics.from_mjcf_model(model)
-    for body in bodies:
-        row = physics.bind(body)
-        inertial = {"mass": row.mass, "pos": row.ipos, "quat": row.iquat, "diaginertia": row.inertia}
-        body.add("inertial", **inertial)
 
 
 @functools.cache

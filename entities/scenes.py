@@ -118,11 +118,13 @@ class Scene:
       arena: the arena, with everything else attached to it.
       robot: the Franka, or another arm in the kitchen.
       props: the objects by name, in the order in which their joints are observed.
+      attached: entities that `attach` added, by name; the domain's tasks neither observe nor reward them.
     """
 
     arena: SiteArena
     robot: Robot
     props: Mapping[str, Prop]
+    attached: dict[str, composer.Entity] = dataclasses.field(default_factory=dict)
 
     @classmethod
     def furnish(cls, arena: SiteArena, robot: Robot, props: Iterable[Prop]) -> Self:
@@ -132,6 +134,46 @@ class Scene:
         for prop in by_name.values():
             arena.attach_at_site(prop, free=prop.free)
         return cls(arena=arena, robot=robot, props=MappingProxyType(by_name))
+
+    def attach(
+        self,
+        entity: composer.Entity,
+        *,
+        pos: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+        free: bool = False,
+    ) -> mjcf.Element:
+        """Attaches any composer entity to the arena; to be called before the scene is given to a task's base class.
+
+        Every episode starts with it there. Its elements have the prefix of its model's name, such as `mug/`. Tasks take
+        `<name>/pose` among their `extra_observables`; see also `SuiteTask.extra_observations`.
+
+        Args:
+          entity: one of the suite's, of dm_control's, or of a user's own.
+          pos: `(3,)`, position of its frame in the world [m].
+          quat: `(4,)`, orientation of its frame, w, x, y, z.
+          free: whether it moves freely; it stands fixed otherwise.
+
+        Returns:
+          The frame.
+
+        Raises:
+          TypeError: it is no composer entity, or a pose does not hold numbers.
+          ValueError: something in the scene has its name, or a pose has another shape or is not finite.
+        """
+        if not isinstance(entity, composer.Entity):
+            raise TypeError(f"entity must be a composer.Entity, got {checks.shown(entity)}")
+        name = entity.mjcf_model.model
+        taken = {self.robot.mjcf_model.model, *self.props, *self.attached}
+        if name in taken:
+            raise ValueError(f"the scene has an entity {name!r} already: give this one's MJCF model another name")
+        pose = {"pos": checks.vector(pos, 3, "pos"), "quat": checks.vector(quat, 4, "quat")}
+        frame = self.arena.attach(entity)
+        frame.set_attributes(**pose)
+        if checks.boolean(free, "free"):
+            frame.add("freejoint")
+        self.attached[name] = entity
+        return frame
 
     @property
     def physics(self) -> str:
@@ -176,7 +218,8 @@ class Scene:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters of arena, robot and props."""
-        entities = (self.arena, self.robot, *self.props.values())
+        attached = (entity for entity in self.attached.values() if isinstance(entity, assets.NamedEntity))
+        entities = (self.arena, self.robot, *self.props.values(), *attached)
         return tuple(parameter for entity in entities for parameter in entity.parameters)
 
     @property
@@ -241,7 +284,7 @@ class KitchenArena(SiteArena):
             site.set_attributes(name=where.name, pos=where.base_pos, quat=where.base_quat)
             x, y, height = where.base_pos
             if height > 0.0:
-                shape = {"type": "cylinder", "size": (_PLINTH_RADIUS, height / 2), "pos": (x, y, height / 2)}
+                shape = {"type": "cylinder", "size": (_PLINTH_RADIUS, height / 2), "pos": (x, y, height / 2), "mass": 0}
                 site.parent.add("geom", name="plinth", **shape)
         return super().attach_at_site(entity, free=free)
 

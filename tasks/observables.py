@@ -42,7 +42,7 @@ class ExtraObservable:
 
 
 def offered(scene: Scene) -> dict[str, ExtraObservable]:
-    """Returns the quantities of a scene's robot and props by observation key, those of the robot first."""
+    """Returns the quantities of a scene's robot, props and attached entities by key, those of the robot first."""
     robot, hand = scene.robot.mjcf_model.full_identifier, scene.robot.end_effector
     fingers = tuple(("jointpos", joint) for joint in scene.robot.fingers)
     width = ExtraObservable(
@@ -75,7 +75,7 @@ def offered(scene: Scene) -> dict[str, ExtraObservable]:
             sensors = tuple(("framepos", site) for site in handles)
             extra = ExtraObservable(content=content, size=3 * len(handles), sensors=sensors)
             of_handles[f"{name}/handle_positions"] = extra
-    poses = {f"{name}/pose": _pose(prop, "its frame") for name, prop in scene.props.items()}
+    poses = {f"{name}/pose": _pose(prop, "its frame") for name, prop in (*scene.props.items(), *scene.attached.items())}
     return {**of_robot, **of_handles, **poses}
 
 

@@ -146,12 +146,13 @@ class OpenCabinetTask(OpeningTask):
     def bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = Highlighting(physics, [self.scene.cabinet.handle_geoms(self.drawer)])
         self._joint_qpos = as_columns(physics.bind(self.scene.robot.joints).qposadr)
+        self._cabinet_qpos = as_columns(physics.bind(self.scene.cabinet.joints).qposadr)
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
         low, high = self.robot.specification.joint_limits
         data, pose = physics.data, np.minimum(np.maximum(DEFAULT_POSE + offsets, low), high)
-        data.qpos[:] = 0.0
+        data.qpos[self._cabinet_qpos] = 0.0
         data.qpos[self._joint_qpos] = pose
         data.qvel[:] = 0.0
         data.ctrl[self.mdp.sensors.ctrl] = pose

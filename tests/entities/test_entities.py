@@ -25,7 +25,6 @@ def test_a_kettle_gets_its_joint_from_the_arena():
     kettle = entities.Kettle(visuals=False)
     assert kettle.joints == ()
     arena = composer.Arena()
-    arena.mjcf_model.compiler.inertiagrouprange = [3, 5]
     arena.add_free_entity(kettle)
     physics = mjcf.Physics.from_mjcf_model(arena.mjcf_model)
     assert kettle.observables.joint_positions(physics).shape == (7,)
