@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from kitchen_suite import checks, lazy
 from kitchen_suite.domains.base import GENERIC_ENV, GENERIC_VECTOR_ENV, Domain
@@ -74,12 +75,13 @@ __getattr__, __dir__ = lazy.attributes(__name__, __all__, _TABLES)
 def register(domain: Domain) -> None:
     """Adds a domain to the suite: for `load`, for the commands in this process, and as ids of Gymnasium.
 
-    Builds a single and a vectorised environment of the default task once, which must be the same.
+    Plays ten steps of random actions and a second reset of the default task in an environment of `load`, in a single
+    and in a vectorised one of Gymnasium, which must agree in all numbers.
 
     Raises:
       TypeError: it is no `Domain`.
-      ValueError: a domain of its name exists, Gymnasium has one of its ids, or the two environments differ in a space
-        or in the first observation; nothing has changed then.
+      ValueError: a domain of its name exists, Gymnasium has one of its ids, or the environments differ; the message
+        names the first difference. Nothing has changed then.
     """
     if not isinstance(domain, Domain):
         raise TypeError(f"domain must be a Domain, got {checks.shown(domain)}")
@@ -92,7 +94,7 @@ def register(domain: Domain) -> None:
     _domains[domain.name] = domain
     _register_ids(domain, {"domain": domain.name})
     try:
-        _check_vectorised(domain.task_ids[domain.default_task])
+        _check_front_ends(domain)
     except BaseException:
         del _domains[domain.name]
         for env_id in ids:
@@ -133,29 +135,86 @@ for _domain in DOMAINS.values():
     _register_ids(_domain, {"domain": _domain.name} if _domain.env == GENERIC_ENV else {})
 
 
-def _check_vectorised(env_id: str) -> None:
-    """Raises a ValueError unless single and vectorised environment have equal spaces and first observations."""
+# Control steps that a registration plays.
+_REGISTRATION_STEPS = 10
+
+
+def _check_front_ends(domain: Domain) -> None:
+    """Raises a ValueError unless the environments of a domain's default task are the same in all three front ends."""
+    task, env_id = domain.default_task, domain.task_ids[domain.default_task]
     single = gymnasium.make(env_id, disable_env_checker=True)
     many = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", num_threads=1)
     try:
-        one, other = _arrays(single.reset(seed=0)[0]), _arrays(many.reset(seed=0)[0])
-        shared = [key for key in one if key in other]
-        pairs: dict[str, tuple[Any, Any]] = {
-            "action space": (single.action_space, many.single_action_space),
-            "keys": (list(one), list(other)),
-            **{f"shape of {key}": (one[key].shape, other[key].shape[1:]) for key in shared},
-            **{key: (one[key].tolist(), other[key][0].tolist()) for key in shared},
-            "observation space": (single.observation_space, many.single_observation_space),
-        }
+        _check_equal("action space", single.action_space, many.single_action_space, env_id)
+        _check_equal("observation space", single.observation_space, many.single_observation_space, env_id)
+        _check_episodes(single, many, domain.load(**domain.tasks[task], time_limit=None, visuals=False))
     finally:
         single.close()
         many.close()
-    for key, (found, expected) in pairs.items():
-        if found != expected:
-            raise ValueError(
-                f"{key} of {env_id} is {found} in the single environment and {expected} in the vectorised one: the "
-                "enabled observables of the task must be, in this order, the observation of its MDP"
-            )
+
+
+def _check_episodes(single: gymnasium.Env, many: Any, environment: "Environment") -> None:
+    """Plays an episode and the reset after it in three environments; raises a ValueError where they differ."""
+    inner: Any = single.unwrapped
+    where = inner.spec.id
+    generator = gymnasium.utils.seeding.np_random(0)[0]
+    actions = np.random.default_rng(0)
+    for seed in (0, None):
+        observation, info = single.reset(seed=seed)
+        many_observation, many_info = many.reset(seed=seed)
+        if seed is not None:
+            environment.random_state = np.random.RandomState(generator.bit_generator)
+        timestep = environment.reset()
+        _check_step("at a reset", where, observation, many_observation, inner, timestep.observation)
+        for step in range(_REGISTRATION_STEPS if seed is not None else 0):
+            after, action = f"after step {step + 1}", _random_action(single.action_space, actions)
+            observation, reward, terminated, truncated, info = single.step(action)
+            many_observation, rewards, terminations, truncations, many_info = many.step(action[np.newaxis])
+            timestep = environment.step(inner.clip_actions(action.astype(np.float64)))
+            _check_step(after, where, observation, many_observation, inner, timestep.observation)
+            _check_equal(f"reward {after}", reward, rewards[0].item(), where)
+            _check_equal(f"termination {after}", terminated, bool(terminations[0]), where)
+            _check_equal(f"truncation {after}", truncated, bool(truncations[0]), where)
+            _check_equal(f"reward {after}", reward, timestep.reward, where, "dm_env's")
+            _check_equal(f"discount {after}", 0.0 if terminated else 1.0, timestep.discount, where, "dm_env's")
+            ours, theirs = _arrays(info, "info"), _arrays(many_info, "info")
+            for key, array in ours.items():
+                # Lists of names are objects in the vectorised one, or missing.
+                if key in theirs and theirs[key].dtype != object:
+                    _check_equal(f"{key} {after}", array.tolist(), theirs[key][0].tolist(), where)
+            if terminated or truncated:
+                break
+
+
+def _random_action(space: gymnasium.Space, generator: np.random.Generator) -> NDArray:
+    """Returns a random action, within the bounds of its space."""
+    assert isinstance(space, gymnasium.spaces.Box)
+    return generator.normal(size=space.shape).clip(space.low, space.high).astype(np.float32)
+
+
+def _check_step(
+    when: str, where: str, observation: Any, many_observation: Any, inner: Any, suite_observation: Any
+) -> None:
+    """Raises a ValueError unless the observations of a step are the same in three environments."""
+    one, other = _arrays(observation), _arrays(many_observation)
+    _check_equal(f"keys {when}", [*one], [*other], where)
+    for key, array in one.items():
+        _check_equal(f"shape of {key} {when}", array.shape, other[key].shape[1:], where)
+        _check_equal(f"{key} {when}", array.tolist(), other[key][0].tolist(), where)
+    ours, theirs = inner.present_observation, suite_observation
+    _check_equal(f"observations {when}", sorted(ours), sorted(theirs), where, "dm_env's")
+    for key, array in ours.items():
+        found = np.asarray(theirs[key]).astype(array.dtype)
+        _check_equal(f"observation[{key!r}] {when}", array.tolist(), found.tolist(), where, "dm_env's")
+
+
+def _check_equal(what: str, found: Any, expected: Any, where: str, other: str = "the vectorised") -> None:
+    if found != expected:
+        raise ValueError(
+            f"{what} of {where} is {checks.shown(found)} in the single environment and {checks.shown(expected)} in "
+            f"{other} one: add observations, rewards and terminations to extra_observations, extra_rewards and "
+            "extra_terminations of the task, which act in all of them; see docs/guide/extending.md"
+        )
 
 
 def _arrays(observation: Any, key: str = "observation") -> dict[str, np.ndarray]:

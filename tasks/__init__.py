@@ -2,11 +2,12 @@
 
 import kitchen_suite.rendering.choice  # noqa: F401
 from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.tasks.extra_observations import Observation
 from kitchen_suite.tasks.goals import Goal
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 from kitchen_suite.tasks.kitchens.task import KitchensTask
-from kitchen_suite.tasks.mdp import MDP, FeatureSensors
+from kitchen_suite.tasks.mdp import MDP, FeatureSensors, Simulation, Transition
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
 from kitchen_suite.tasks.open_cabinet.variations import Randomization
@@ -22,10 +23,13 @@ __all__ = [
     "KitchenTask",
     "KitchensTask",
     "MicrowaveTableTask",
+    "Observation",
     "OpenCabinetTask",
     "ParameterVariation",
     "Randomization",
+    "Simulation",
     "SuiteTask",
+    "Transition",
     "around",
     "between",
     "one_of",

@@ -5,6 +5,7 @@ make their steps with the same `Stepper`.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter, task_parameter
-from kitchen_suite.tasks.mdp import MDP, Simulation
+from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
+from kitchen_suite.tasks.mdp import MDP, Simulation, Termination
 from kitchen_suite.tasks.pushes import Push, Pusher
 
 ACTION_DELAY = "sensing/action_delay"
@@ -65,8 +67,8 @@ class EpisodeState(NamedTuple):
       sensing: variation of sensing in the episode; None if there is none.
       push: push of the episode; None if there is none.
       variation: infos on the variation of the episode; empty if nothing varies.
-      action: `(..., k)`, action of the last control step; None before the first.
-      target: `(..., 9)`, targets of the actuators that follow from it [rad, m].
+      measured: the task's extra observations after the last control step, or at the reset; None if there are none.
+      terminations: `(...)` by name, whether each of the task's extra terminations ended the episode in that step.
     """
 
     mdp_state: Any = None
@@ -74,12 +76,16 @@ class EpisodeState(NamedTuple):
     sensing: Sensing | None = None
     push: Push | None = None
     variation: Mapping[str, Any] = {}
-    action: Array | None = None
-    target: Array | None = None
+    measured: Measured | None = None
+    terminations: Mapping[str, NDArray[np.bool_]] = {}
 
     def scaled(self, draws: Array) -> Array:
         """Returns the draws `(..., k)` of the observation noise, scaled by the variation of sensing."""
         return draws if self.sensing is None else draws * self.sensing.noise
+
+    def termination_info(self) -> dict[str, NDArray[np.bool_]]:
+        """Returns which of the task's extra terminations ended the episode, as infos have it: fresh arrays `(...)`."""
+        return {f"termination/{name}": np.array(ended) for name, ended in self.terminations.items()}
 
     def memory(self) -> dict[str, dict[str, Any]]:
         """Returns what a saved state holds beside the MDP's state: fresh arrays by part and field."""
@@ -92,7 +98,7 @@ class EpisodeState(NamedTuple):
     @property
     def _parts(self) -> dict[str, Any]:
         """The parts that a saved state holds beside the MDP's state, those that there are."""
-        parts = {"command": self.command, "sensing": self.sensing, "push": self.push}
+        parts = {"command": self.command, "sensing": self.sensing, "push": self.push, "measured": self.measured}
         return {name: part for name, part in parts.items() if part is not None}
 
     def persisting(self, names: Sequence[str], before: Any, where: NDArray[np.bool_] | bool) -> Self:
@@ -116,6 +122,20 @@ def map_arrays(function: Callable[..., Any], *nested: Any) -> Any:
     return tree.map_structure(lambda *parts: None if parts[0] is None else function(*parts), *nested)
 
 
+class Acting(NamedTuple):
+    """What acts on the physics during a control step.
+
+    Attributes:
+      action: `(..., k)`.
+      target: `(..., 9)`, targets of the actuators that follow from it [rad, m].
+      ctrl: `(..., 9)`, controls of the actuators: the targets, or with a delay those of the step before [rad, m].
+    """
+
+    action: Array
+    target: Array
+    ctrl: Array
+
+
 @dataclasses.dataclass(frozen=True)
 class Stepper:
     """The control steps of a task's episodes.
@@ -124,14 +144,18 @@ class Stepper:
       mdp: the task's settings and mathematics.
       simulation: the physics of one episode or of many.
       pusher: makes the pushes of episodes that have any.
+      observations: what the task observes beside its own.
+      terminations: further reasons of the task to terminate an episode, by name.
     """
 
     mdp: MDP
     simulation: Simulation
     pusher: Pusher
+    observations: ExtraObservations
+    terminations: Mapping[str, Termination]
 
-    def act(self, state: EpisodeState, action: Array, draw: Array | float) -> tuple[EpisodeState, Array]:
-        """Returns the state with an action, and the controls `(..., 9)` of the actuators that follow [rad, m].
+    def act(self, state: EpisodeState, action: Array, draw: Array | float) -> tuple[EpisodeState, Acting]:
+        """Returns the state with the command and push of an action, and what acts during its step.
 
         Args:
           state: after the last control step.
@@ -147,20 +171,40 @@ class Stepper:
         if push is not None:
             # After control has read the physics: only a single simulation is evaluated anew, a batch as it steps.
             push = self.pusher.push(self.simulation, push, state.mdp_state)
-        # `_replace` takes twice as long, here and below.
-        return EpisodeState(state.mdp_state, command, sensing, push, state.variation, action, target), ctrl
+        # `_replace` takes twice as long, here and in `observe`.
+        acted = EpisodeState(
+            state.mdp_state, command, sensing, push, state.variation, state.measured, state.terminations
+        )
+        return acted, Acting(action, target, ctrl)
 
-    def observe(self, state: EpisodeState, reading: Any, draws: Array) -> EpisodeState:
-        """Returns the state after the physics of the control step.
+    def observe(self, state: EpisodeState, acting: Acting, reading: Any, draws: Array) -> EpisodeState:
+        """Returns the state after the physics of the control step; extra observations have no noise yet.
 
         Args:
-          state: with the action, as `act` returned it.
+          state: as `act` returned it.
+          acting: as `act` returned it.
           reading: values of the task's sensors.
           draws: `(..., noise_draws)`, from U(-1, 1).
         """
-        assert state.action is not None, "act first"
-        assert state.target is not None, "act first"
-        after = self.mdp.step(
-            state.mdp_state, action=state.action, target=state.target, reading=reading, draws=state.scaled(draws)
+        mdp, action, target = self.mdp, acting.action, acting.target
+        after = mdp.next_state(
+            state.mdp_state, action=action, target=target, reading=reading, draws=state.scaled(draws)
         )
-        return EpisodeState(after, *state[1:])
+        parts: tuple[Any, ...] = state.mdp_state, action, target, after
+        measured = state.measured
+        if measured is not None:
+            values = self.observations.measure(self.simulation, after, action.shape[:-1])
+            parts = *parts, values, measured.values
+            measured = Measured(values, self.observations.uncorrupted(values))
+        step = mdp.transition(*parts)
+        terminations = {
+            name: np.broadcast_to(np.asarray(termination(step), bool), action.shape[:-1]).copy()
+            for name, termination in self.terminations.items()
+        }
+        after = after._replace(terms=mdp.reward_terms(step))
+        return EpisodeState(after, state.command, state.sensing, state.push, state.variation, measured, terminations)
+
+    def terminates(self, state: EpisodeState) -> NDArray[np.bool_]:
+        """Returns whether `(...)` the last step terminated the episode."""
+        own = self.mdp.terminates(state.mdp_state)
+        return functools.reduce(np.logical_or, state.terminations.values(), own)

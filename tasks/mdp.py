@@ -10,6 +10,7 @@ import functools
 import inspect
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import mujoco
@@ -19,15 +20,50 @@ from dm_env import specs
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet
 
-RewardTerm = Callable[[Any, Array, Any], Array]
-"""A term of a reward: takes the MDP's state before a control step, the action `(..., k)`, and the state after it, and
-returns `(...)`."""
+
+class Transition:
+    """A control step of one episode, or of many; what terms of reward and termination are functions of.
+
+    An MDP may have a class of its own, which adds quantities that several terms share.
+
+    Attributes:
+      before: the MDP's state before the step.
+      action: `(..., k)`, the action.
+      target: `(..., 9)`, targets of the robot's actuators that follow from it [rad, m].
+      after: the MDP's state after the step; it has no terms of the reward yet.
+      observations: the task's `extra_observations` after the step, `(..., m)` by name, without noise.
+      previous_observations: the same before the step.
+    """
+
+    def __init__(
+        self,
+        before: Any,
+        action: Array,
+        target: Array,
+        after: Any,
+        observations: Mapping[str, Array] = MappingProxyType({}),
+        previous_observations: Mapping[str, Array] = MappingProxyType({}),
+    ) -> None:
+        self.before = before
+        self.action = action
+        self.target = target
+        self.after = after
+        self.observations = observations
+        self.previous_observations = previous_observations
+
+
+RewardTerm = Callable[[Any], Array]
+"""A term of a reward: a function of a `Transition` that returns `(...)`."""
+
+Termination = Callable[[Any], NDArray[np.bool_]]
+"""A reason to terminate an episode: a function of a `Transition` that returns bools `(...)`."""
 
 Columns = NDArray[np.int64] | slice
 
@@ -60,6 +96,20 @@ class Simulation(Protocol):
     def write(self, field: str, columns: Columns, values: Array) -> None:
         """Sets columns `(..., k)` of a field."""
 
+    def named(self, field: str, name: str) -> Array:
+        """Returns the elements of a field that belong to a name, in a fresh array with any leading axes.
+
+        As `physics.named.data.<field>[name]` of dm_control: `named("xpos", "mug/")` returns positions `(..., 3)` in the
+        world [m], `named("qpos", "microwave/microwave")` angles `(..., 1)` [rad].
+
+        Args:
+          field: of MuJoCo's data, such as `xpos`, `qpos` or `sensordata`.
+          name: of a body, geom, site, joint, sensor or what else the field is by.
+
+        Raises:
+          ValueError: there is no such field, or it has nothing of this name.
+        """
+
     def evaluate(self) -> None:
         """Evaluates what the next physics step takes from positions and velocities, after these have been set."""
 
@@ -70,17 +120,52 @@ def as_columns(indices: NDArray[np.int64]) -> Columns:
     return slice(start, stop) if np.array_equal(indices, np.arange(start, stop)) else indices
 
 
+class NamedFields:
+    """The places of names in the fields of MuJoCo's data, for one compiled model."""
+
+    def __init__(self, physics: mjcf.Physics) -> None:
+        self._fields = physics.named.data
+        self._places: dict[tuple[str, str], tuple[Columns, bool]] = {}
+
+    def find(self, field: str, name: str) -> tuple[Columns, bool]:
+        """Returns the columns of a name in a field, and whether the name has one row of several numbers there.
+
+        Raises a ValueError as `Simulation.named`.
+        """
+        if (field, name) not in self._places:
+            self._places[field, name] = self._find(field, name)
+        return self._places[field, name]
+
+    def _find(self, field: str, name: str) -> tuple[Columns, bool]:
+        indexer = getattr(self._fields, field, None)
+        if indexer is None:
+            raise ValueError(f"MuJoCo's data has no field by name {field!r}; such fields are xpos, qpos, sensordata")
+        try:
+            place = indexer.axes.row.convert_key_item(name)
+        except KeyError as error:
+            raise ValueError(f"field {field!r} has nothing of the name {name!r}: {checks.shown(error)}") from error
+        if isinstance(place, slice):
+            return np.arange(place.start, place.stop), False
+        return np.atleast_1d(place).astype(np.int64), len(indexer.shape) > 1
+
+
 class PhysicsSimulation:
     """The physics of a composer environment, while its model stays compiled; no leading axis."""
 
     def __init__(self, physics: mjcf.Physics) -> None:
         self._model, self._data = physics.model.ptr, physics.data.ptr
+        self._names = NamedFields(physics)
 
     def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> Array:
         return getattr(self._data, field)[columns]
 
     def write(self, field: str, columns: Columns, values: Array) -> None:
         getattr(self._data, field)[columns] = values
+
+    def named(self, field: str, name: str) -> Array:
+        columns, is_row = self._names.find(field, name)
+        values = self.read(field, columns)
+        return values[0] if is_row else values
 
     def evaluate(self) -> None:
         mujoco.mj_step1(self._model, self._data)
@@ -89,9 +174,11 @@ class PhysicsSimulation:
 class BatchSimulation:
     """The simulations of a batch; leading axis `(n,)`."""
 
-    def __init__(self, batch: Batch) -> None:
+    def __init__(self, batch: Batch, physics: mjcf.Physics) -> None:
+        """Stores a batch, and a physics of the same model, which knows its names."""
         self._batch = batch
         self._fields: dict[str, Array] = {}
+        self._names = NamedFields(physics)
 
     def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> Array:
         values = self._field(field)
@@ -101,6 +188,11 @@ class BatchSimulation:
 
     def write(self, field: str, columns: Columns, values: Array) -> None:
         self._field(field)[:, columns] = values
+
+    def named(self, field: str, name: str) -> Array:
+        columns, is_row = self._names.find(field, name)
+        values = self.read(field, columns)
+        return values[:, 0] if is_row else values
 
     def evaluate(self) -> None:
         """Does nothing: a batch evaluates everything in its step."""
@@ -341,8 +433,8 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """
 
     @abc.abstractmethod
-    def step(self, state: State, *, action: Array, target: Array, reading: Reading, draws: Array) -> State:
-        """Returns the state after one more control step.
+    def next_state(self, state: State, *, action: Array, target: Array, reading: Reading, draws: Array) -> State:
+        """Returns the state after one more control step, without the terms of its reward.
 
         Args:
           state: the state before it.
@@ -352,13 +444,17 @@ class MDP(abc.ABC, Generic[Reading, State]):
           draws: `(..., noise_draws)`, from U(-1, 1).
         """
 
+    def transition(self, *parts: Any) -> Transition:
+        """Returns a control step, of whose class the terms of this MDP are functions; `parts` as of `Transition`."""
+        return Transition(*parts)
+
     @abc.abstractmethod
     def observation(self, simulation: Simulation, state: State) -> NDArray:
         """Returns the flat observation `(..., m)` without goals, with its noise."""
 
-    def reward_terms(self, before: State, action: Array, after: Any) -> dict[str, Array]:
-        """Returns the terms `(...)` of a step's reward by name; arguments as of `RewardTerm`."""
-        return {name: term(before, action, after) for name, term in self.rewards.items()}
+    def reward_terms(self, step: Transition) -> dict[str, Array]:
+        """Returns the terms `(...)` of a step's reward by name."""
+        return {name: term(step) for name, term in self.rewards.items()}
 
     def no_reward(self, axes: tuple[int, ...]) -> dict[str, Array]:
         """Returns the terms before the first step: zeros of the shape `axes`."""

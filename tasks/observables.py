@@ -79,6 +79,14 @@ def offered(scene: Scene) -> dict[str, ExtraObservable]:
     return {**of_robot, **of_handles, **poses}
 
 
+def joined(*parts: Mapping[str, observable.Observable]) -> dict[str, observable.Observable]:
+    """Returns observables by key, in order; a ValueError where two have the same key."""
+    keys = [key for part in parts for key in part]
+    if taken := sorted({key for key in keys if keys.count(key) > 1}):
+        raise ValueError(f"extra_observations must have other names than the task's own observations: {taken}")
+    return {key: value for part in parts for key, value in part.items()}
+
+
 def slices(scene: Scene, names: Sequence[str]) -> dict[str, slice]:
     """Returns the slice of each extra observable among their elements, end to end in the order of observation."""
     wanted = _checked(names, offered(scene))

@@ -3,6 +3,7 @@
 import abc
 import collections
 import dataclasses
+import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
@@ -20,9 +21,10 @@ from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper, sensing_parameters
+from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
 from kitchen_suite.tasks.goals import checked_instructions
-from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, as_columns
-from kitchen_suite.tasks.observables import ExtraObservables, Pictures
+from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, Termination, as_columns
+from kitchen_suite.tasks.observables import ExtraObservables, Pictures, joined
 from kitchen_suite.tasks.pushes import PARAMETERS, Pusher
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
@@ -31,6 +33,24 @@ PICTURE_AXES = 3  # Number of axes of an observed picture: height, width, channe
 
 # Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
 Metrics = dict[str, bool | float | dict[str, int]]
+
+# Hooks of composer's tasks that act in a composer environment alone: the vectorised one steps by the task's MDP. By
+# name, what acts in all environments instead.
+_INSTEAD = MappingProxyType(
+    {
+        "get_reward": "add functions of a step to extra_rewards",
+        "get_discount": "add functions of a step to extra_terminations",
+        "should_terminate_episode": "add functions of a step to extra_terminations",
+        "before_step": "give actions another meaning by a control mode, in control_modes",
+        "before_substep": "give actions another meaning by a control mode, in control_modes",
+        "after_step": "measure what you need by extra_observations",
+        "after_substep": "measure what you need by extra_observations, from sensors of the scene",
+        "action_spec": "give actions another meaning by a control mode, in control_modes",
+        "task_observables": "add observations to extra_observations",
+        "observables": "add observations to extra_observations",
+        "initialize_episode_mjcf": "change the scene before the task is built, or physics.model in reset_physics",
+    }
+)
 
 SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)  # Colour of objects that the task counts as a success.
 
@@ -68,6 +88,11 @@ class PolicyInputs:
     def size(self) -> int:
         """Number of elements of the flat observation."""
         return self.state_size + self.goal_size + self.observes_requests * len(self.tasks)
+
+    def with_longer_state(self, count: int) -> "PolicyInputs":
+        """Returns the inputs with a number of elements added at the end of the state."""
+        place = None if self.goal_place is None else self.goal_place + count
+        return dataclasses.replace(self, state_size=self.state_size + count, goal_place=place)
 
     def flatten(self, observation: NDArray | Mapping[str, Any]) -> NDArray:
         """Returns the flat observation `(..., m)`.
@@ -162,15 +187,21 @@ class ResetRequests:
 class SuiteTask(composer.Task):
     """A task that steps by its MDP, with saved states, metrics of its episodes, and optional highlighting of success.
 
-    A task of one's own that extends a task of the suite overrides class attributes, `reset_physics`, `initial_state`,
-    `bind` and `publish`. One that extends this class also calls `vary`, and sets `policy_inputs` and `observed`, in its
-    constructor.
+    A custom task that extends a task of the suite overrides class attributes, `__init__`, `reset_physics`,
+    `initialize_episode`, `initial_state` and `bind`, which act in dm_env, single and vectorised environments alike, and
+    `publish`, for what is displayed. Other hooks of a step are refused: they would act in some environments alone. A
+    task that extends this class itself also calls `vary`, and sets `policy_inputs` and `observed`, in its constructor.
 
     Attributes:
       domain_name: name of the domain whose expert acts in the task; None for a task outside the suite.
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       varied: the parameters that groups vary, in the order in which they are drawn.
-      extra_rewards: further terms of the reward by name, in classes of a user's own; see `tasks.mdp.RewardTerm`.
+      extra_rewards: additional terms of the reward by name, in classes of a user's own: functions of a step; see
+        `tasks.mdp.Transition`.
+      extra_terminations: additional reasons to terminate an episode by name: functions of a step that return bools.
+        Infos have them as `termination/<name>`.
+      extra_observations: additional observations by name, in classes of a user's own; a property of a class may return
+        them as well. They follow the domain's own in the state.
       instructions: the task in words: its sentence, then paraphrases of it; see `tasks.goals`.
       scene: arena, robot and props.
       robot: the robot that acts.
@@ -179,10 +210,12 @@ class SuiteTask(composer.Task):
       requests: the options of resets that belong to the task.
       policy_inputs: the observation as trained policies take it.
       observed: the enabled observables of the task by observation key, in order.
-      extras: quantities that are observed beside the task's own; None if there are none.
-      extra_observables: their observables by observation key.
-      extra_slices: slice of each among their elements, which are the last ones of the state.
-      extra_size: number of their elements.
+      extras: quantities of `extra_observables` that are observed beside the task's own; None if there are none.
+      observations: the `extra_observations`.
+      extra_observables: the observables of both by observation key.
+      extra_slices: slice of each among their elements, which are the last ones of the state; of `extra_observations`
+        from the compilation on.
+      extra_size: number of their elements, as long.
       pictures: the pictures of cameras that are observed.
       pusher: makes the pushes of episodes; from the compilation on.
       random: the random state that the environment last passed to the task.
@@ -194,6 +227,9 @@ class SuiteTask(composer.Task):
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
     varied: ClassVar[Sequence[ParameterVariation]] = ()
     extra_rewards: ClassVar[Mapping[str, RewardTerm]] = MappingProxyType({})
+    extra_terminations: ClassVar[Mapping[str, Termination]] = MappingProxyType({})
+    # A class may have a property instead.
+    extra_observations: Any = MappingProxyType({})
     # A class may have a property instead.
     instructions: Any = ()
 
@@ -201,6 +237,16 @@ class SuiteTask(composer.Task):
     policy_inputs: PolicyInputs
     pusher: Pusher
     random: np.random.RandomState
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        """Raises a TypeError if a class overrides a hook that would act in some environments alone."""
+        super().__init_subclass__(**arguments)
+        for name, instead in _INSTEAD.items():
+            if inspect.getattr_static(cls, name) is not inspect.getattr_static(SuiteTask, name):
+                raise TypeError(
+                    f"{cls.__name__} must not override {name}, which vectorised environments do not call: {instead}; "
+                    "see docs/guide/extending.md"
+                )
 
     def __init__(
         self,
@@ -224,8 +270,11 @@ class SuiteTask(composer.Task):
         """
         extras = ExtraObservables(scene, extra_observables)
         self.extras = extras if extras.size else None
-        self.extra_observables: dict[str, observable.Observable] = dict(extras.by_name)
-        self.extra_slices, self.extra_size = extras.slices, extras.size
+        self.observations = ExtraObservations(self.extra_observations, type(self).__name__)
+        own = self.observations.observables(lambda: self.episode.measured)
+        self.extra_observables: dict[str, observable.Observable] = joined(extras.by_name, own)
+        self.extra_slices = dict(extras.slices)
+        self.extra_size = extras.size
         self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
         self.observed: Mapping[str, observable.Observable] = {}
         self.scene, self.robot, self.mdp = scene, scene.robot, mdp
@@ -233,6 +282,9 @@ class SuiteTask(composer.Task):
         self.requests = ResetRequests()
         self.episode, self.truncates, self._terminates = EpisodeState(), False, False
         self._visualize_reward = False
+        for name, termination in self.extra_terminations.items():
+            if not callable(termination):
+                raise TypeError(f"extra_terminations[{name!r}] must be a function, got {checks.shown(termination)}")
 
     @classmethod
     def with_extra_rewards(cls, rewards: Mapping[str, RewardTerm]) -> dict[str, RewardTerm]:
@@ -412,7 +464,7 @@ class SuiteTask(composer.Task):
         self.random = random_state
         mdp, self._simulation = self.mdp, PhysicsSimulation(physics)
         self.pusher = Pusher.make(physics, self.scene, mdp)
-        self._stepper = Stepper(mdp, self._simulation, self.pusher)
+        self._stepper = Stepper(mdp, self._simulation, self.pusher, self.observations, self.extra_terminations)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
         self.variations.bind(physics)
@@ -422,6 +474,20 @@ class SuiteTask(composer.Task):
         (self._action_size,) = self.action_spec(physics).shape
         self.bind(physics)
         self._start(physics, np.zeros(mdp.noise_draws))
+        self._append_observations()
+
+    def _append_observations(self) -> None:
+        """Adds the elements of the extra observations to the state, once their number is known."""
+        if self.episode.measured is None:
+            return
+        own = {name: self.observations.shown(self.episode.measured, name) for name in self.observations.enabled}
+        if not own.keys() - self.extra_slices.keys():
+            return
+        before = self.extra_size
+        for name, value in own.items():
+            self.extra_slices[name] = slice(self.extra_size, self.extra_size + value.size)
+            self.extra_size += value.size
+        self.policy_inputs = self.policy_inputs.with_longer_state(self.extra_size - before)
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random = random_state
@@ -429,6 +495,14 @@ class SuiteTask(composer.Task):
         self.reset_physics(physics, random_state)
         self.variations.draw(physics, random_state)
         self._start(physics, self.mdp.draw_noise(random_state))
+        self._draw_noise_of_observations(random_state)
+
+    def _draw_noise_of_observations(self, random_state: np.random.RandomState) -> None:
+        """Draws the noise of the extra observations."""
+        measured = self.episode.measured
+        if measured is not None:
+            noisy = self.observations.corrupt(measured.values, random_state)
+            self.episode = self.episode._replace(measured=measured._replace(noisy=noisy))
 
     def checked_action(self, action: ArrayLike) -> Array:
         """Returns an action as a fresh float64 array.
@@ -448,8 +522,8 @@ class SuiteTask(composer.Task):
         if mode.reads_derived and not physics.legacy_step:
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
         draw = random_state.random_sample() if mode.draws else MEDIAN
-        self.episode, ctrl = self._stepper.act(self.episode, checked, draw)
-        self._simulation.write("ctrl", self.mdp.sensors.ctrl, ctrl)
+        self.episode, self._acting = self._stepper.act(self.episode, checked, draw)
+        self._simulation.write("ctrl", self.mdp.sensors.ctrl, self._acting.ctrl)
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random, mdp = random_state, self.mdp
@@ -458,8 +532,12 @@ class SuiteTask(composer.Task):
             mdp.sensors.refresh(physics)
             if self.extras is not None:
                 self.extras.refresh(physics)
+            if self.observations.by_name:
+                self._simulation.evaluate()
         reading = mdp.sensors.read(self._simulation)
-        self._set_episode(self._stepper.observe(self.episode, reading, mdp.draw_noise(random_state)), physics)
+        draws = mdp.draw_noise(random_state)
+        self._set_episode(self._stepper.observe(self.episode, self._acting, reading, draws), physics)
+        self._draw_noise_of_observations(random_state)
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         return float(self.mdp.reward(self.state))
@@ -481,7 +559,12 @@ class SuiteTask(composer.Task):
             push=self.pusher.start(values, self._simulation),
             variation=self.variations.info,
         )
-        episode = start._replace(mdp_state=self.initial_state(start.scaled(draws)))
+        state = self.initial_state(start.scaled(draws))
+        episode = start._replace(mdp_state=state, terminations=dict.fromkeys(self.extra_terminations, np.array(False)))
+        if self.observations.by_name:
+            self._simulation.evaluate()
+            values = self.observations.measure(self._simulation, state, ())
+            episode = episode._replace(measured=Measured(values, self.observations.uncorrupted(values)))
         self._set_episode(episode if before is None else episode.persisting(mdp.persistent, before, True), physics)
         self._start_command(physics)
 
@@ -499,7 +582,8 @@ class SuiteTask(composer.Task):
         """Sets the state of the episode, and publishes it."""
         self.episode, state = episode, episode.mdp_state
         # composer asks twice.
-        self._terminates, self.truncates = bool(self.mdp.terminates(state)), bool(self.mdp.truncates(state))
+        self._terminates = bool(self._stepper.terminates(episode))
+        self.truncates = bool(self.mdp.truncates(state))
         self.publish(physics)
 
 

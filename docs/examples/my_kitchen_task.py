@@ -8,9 +8,9 @@ from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.tasks import KitchenTask
 
 
-def calm(before, action, after):
-    """A penalty of 0.1 for each rad that the fastest joint has moved; states may be of one episode or of many."""
-    return -0.1 * np.abs(after.positions - before.positions).max(axis=-1)
+def calm(step):
+    """A penalty of 0.1 for each rad that the fastest joint has moved; a step may be of one episode or of many."""
+    return -0.1 * np.abs(step.after.positions - step.before.positions).max(axis=-1)
 
 
 class CalmTask(KitchenTask):

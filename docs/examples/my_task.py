@@ -8,9 +8,9 @@ from kitchen_suite.entities import build_microwave_table_scene
 from kitchen_suite.tasks import MicrowaveTableTask
 
 
-def speed(before, action, after):
-    """A penalty of 0.1 for each rad/s of the fastest joint; states may be of one episode or of many."""
-    return -0.1 * np.abs(after.joint_velocities).max(axis=-1)
+def speed(step):
+    """A penalty of 0.1 for each rad/s of the fastest joint; a step may be of one episode or of many."""
+    return -0.1 * np.abs(step.after.joint_velocities).max(axis=-1)
 
 
 class GentleTask(MicrowaveTableTask):

@@ -13,6 +13,7 @@ PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = {
         "_hooks",
         "_legacy_step",
         "_make_observation_updater",
+        "_mjcf_never_compiled",
         "_n_sub_steps",
         "_observation_updater",
         "_overridden_n_sub_steps",
@@ -41,6 +42,8 @@ PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = {
         "_strip_singleton_buffer_dim",
     ),
     "dm_control.composer.observation.updater:_EnabledObservable": ("buffer", "observation_callable"),
+    "dm_control.mjcf.element:_ElementImpl": ("_attributes", "_children"),
+    "dm_control.mjcf.attribute:_Attribute": ("_value",),
 }
 
 

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY
 from kitchen_suite.environment.composer import check_private_names
+from kitchen_suite.environment.edits import MjcfSnapshot
 from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import gl
 from kitchen_suite.tasks.observables import Camera as PictureCamera
@@ -127,6 +128,11 @@ def write_sleep(model: mujoco.MjModel, data: mujoco.MjData, tree_asleep: NDArray
     data.nbody_awake, data.nparent_awake = bodies.size, children.size
 
 
+def edits_mjcf(entity: composer.Entity) -> bool:
+    """Whether an entity may edit its MJCF before an episode."""
+    return type(entity).initialize_episode_mjcf is not composer.Entity.initialize_episode_mjcf
+
+
 def is_unbuffered(part: observable.Observable) -> bool:
     """Whether an observable is updated at every physics step, without delay or buffer."""
     return (
@@ -185,13 +191,16 @@ class UnbufferedUpdater(observation.Updater):
 
 
 class Environment(composer.Environment):
-    """`composer.Environment` with five differences.
+    """`composer.Environment` with six differences.
 
     - All physics steps of a control step are made in one call, unless a hook or a buffered observable needs the state
       between them; see `_plan_substeps`.
     - The time limit is counted in control steps. composer compares sums of physics times, which ends an episode of 280
       steps with the 281st.
     - After a `PhysicsError` the next `step` starts a new episode.
+    - The model is compiled when the environment is built, and again at a reset if the MJCF has been edited meanwhile,
+      or always with `recompile_mjcf_every_episode=True`. Otherwise `physics` stays the same object, with what a user
+      has changed in `physics.model`.
     - With `flat_observation` the observation is one array, as in dm_control's suite.
     - `get_state` and `set_state` save and restore the environment in the middle of an episode.
     """
@@ -220,6 +229,9 @@ class Environment(composer.Environment):
             # composer stores the legacy state of the random stream; numpy warns unless that is a Mersenne Twister.
             warnings.filterwarnings("ignore", "get_state and legacy", RuntimeWarning)
             super().__init__(task, random_state=make_random_state(random_state), **kwargs)
+        entities = self._task.root_entity.iter_entities()
+        # composer compiles at the first reset once more, since entities may edit their MJCF there.
+        self._mjcf_never_compiled = any(map(edits_mjcf, entities))
         steps = time_limit / self.control_timestep()
         self._step_limit = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
         self._step_count = 0
@@ -249,6 +261,8 @@ class Environment(composer.Environment):
 
     def reset(self) -> dm_env.TimeStep:
         self._reset_next_step = True
+        if self.mjcf_has_changed():
+            self._mjcf_never_compiled = True
         timestep = super().reset()
         self._step_count = 0
         self._plan_substeps()
@@ -278,6 +292,10 @@ class Environment(composer.Environment):
         dtype = np.result_type(*(part.dtype for part in spec.values()))
         key = control.FLAT_OBSERVATION_KEY
         return collections.OrderedDict({key: specs.Array((size,), dtype, name=key)})
+
+    def mjcf_has_changed(self) -> bool:
+        """Returns whether the MJCF has been edited since it was compiled."""
+        return self._compiled_mjcf.is_outdated()
 
     def start_episode(self) -> None:
         """Starts an episode as `reset` does once the model is compiled, but does not update the observation."""
@@ -346,6 +364,8 @@ class Environment(composer.Environment):
 
     def add_extra_hook(self, hook_name: str, hook_callable: Any) -> None:
         super().add_extra_hook(hook_name, hook_callable)
+        if hook_name == "initialize_episode_mjcf":
+            self._mjcf_never_compiled = True
         self._plan_substeps()
 
     def _flatten(self, observation: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
@@ -391,9 +411,11 @@ class Environment(composer.Environment):
     def _recompile_physics(self) -> None:
         if physics := getattr(self, "_physics", None):
             physics.free()
-        self._physics = Physics.from_mjcf_model(self._task.root_entity.mjcf_model)
+        root = self._task.root_entity.mjcf_model
+        self._physics = Physics.from_mjcf_model(root)
         self._physics.legacy_step = self._legacy_step
         self._is_shared = shared_elements(self._physics.model.ptr)
+        self._compiled_mjcf = MjcfSnapshot(root)
 
     def _make_observation_updater(self) -> UnbufferedUpdater:
         padding = self._delayed_observation_padding == composer.ObservationPadding.INITIAL_VALUE

@@ -290,7 +290,9 @@ class SuiteEnv(gymnasium.Env):
 
     def _all_infos(self) -> dict[str, Any]:
         """Returns the infos of the task and of its variation, and the physics unless it is the exact one."""
-        return {**self._get_info(), **(self.composer_task.variations.info if self.varies else {}), **self._physics_info}
+        task = self.composer_task
+        variation = task.variations.info if self.varies else {}
+        return {**self._get_info(), **task.episode.termination_info(), **variation, **self._physics_info}
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode; a bad argument raises a TypeError or ValueError that names it.

@@ -75,8 +75,9 @@ def check_extras(task: SuiteTask, obs_type: str, obs_types: Collection[str]) -> 
 
 
 def _lost_extras(task: SuiteTask, obs_type: str) -> list[str]:
-    of_robot = task.extras.of_robot if task.extras else ()
-    parts = {key: "agent_pos" if key in of_robot else "environment_state" for key in task.extra_observables}
+    if task.extras is None:
+        return []
+    parts = {key: "agent_pos" if key in task.extras.of_robot else "environment_state" for key in task.extras.by_name}
     return [key for key, part in parts.items() if {"observation", part}.isdisjoint(OBS_TYPES[obs_type])]
 
 

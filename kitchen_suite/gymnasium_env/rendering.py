@@ -66,8 +66,11 @@ class Renderer:
 
     def render(self, environment: Environment, render_mode: str) -> np.ndarray | None:
         """Returns an image, or shows it in a window; raises a RuntimeError if no GL library works here."""
+        model, data = environment.physics.model.ptr, environment.physics.data.ptr
+        if self._renderer is not None and self._renderer.model is not model:
+            # The model has been compiled again.
+            self.close()
         if self._renderer is None:
-            model, data = environment.physics.model.ptr, environment.physics.data.ptr
             framebuffer = model.vis.global_
             framebuffer.offwidth = max(framebuffer.offwidth, self._settings["width"])
             framebuffer.offheight = max(framebuffer.offheight, self._settings["height"])

@@ -9,12 +9,14 @@ from typing import Any, ClassVar, cast
 import gymnasium
 import numpy as np
 import tree
+from dm_control import composer
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.environment.edits import ModelSnapshot
 from kitchen_suite.gymnasium_env.base import RESET_MASK, STATE, VARIATION, VARIATION_VALUES, SuiteEnv
 from kitchen_suite.rendering.cameras import CameraParameters
 from kitchen_suite.vector_env import checks as vector_checks
@@ -87,9 +89,12 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         limit = None if max_episode_steps == -1 else max_episode_steps
         self._step_limit = np.iinfo(np.int64).max if limit is None else limit
         self._templates = self._make_templates(max_episode_steps=limit, **settings)
+        written: set[str] = set()
         for template in dict.fromkeys(self._templates):
-            # The first reset compiles the model, which stays the same from then on.
+            check_entities(template)
+            before = ModelSnapshot(template.environment.physics.model.ptr)
             template.reset()
+            written |= {*before.changed()} - {*template.composer_task.variations.randomizer.visual_fields}
         self._template_env = self._templates[0]
         self._task = self._template_env.composer_task
         self._mdp, self._observations = self._task.mdp, self._template_env.observations
@@ -101,7 +106,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         environments = [self.template_of(i).environment for i in range(self.num_envs)]
         self._tasks = [environment.task for environment in environments]
-        self._episodes = BatchEpisodes(environments, threads)
+        self._episodes = BatchEpisodes(environments, threads, sorted(written))
         self._pictures = BatchPictures(environments, self._episodes)
         self._ended = np.zeros(self.num_envs, bool)
         self._everyone, self._no_one = np.full(self.num_envs, True), np.full(self.num_envs, False)
@@ -251,9 +256,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         task_requests = vector_checks.task_requests(chosen, self._tasks, mask)
         self._template_env.check_pictures(vector_checks.options_of(chosen, task, mask))
         with self._all_or_nothing():
+            self._episodes.follow_edits()
             self._episodes.request(variation_requests, task_requests)
             self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})
             self._episodes.start(mask)
+            self._episodes.check_written_fields()
             self._ended = self._ended & ~mask
             return self._get_obs(), {**self._masked_infos(mask), **self._infos_of_reset(chosen, mask)}
 
@@ -407,6 +414,30 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
                 "threads do not survive a fork: build the environments in the process that steps them, or start "
                 "processes with the method 'spawn'"
             )
+
+
+# Hooks of composer's entities in a control step, which a batch does not call, and that of MJCF before an episode.
+_HOOKS = ("before_step", "before_substep", "after_substep", "after_step", "initialize_episode_mjcf")
+
+
+def check_entities(environment: SuiteEnv) -> None:
+    """Raises a ValueError if an entity in an environment's scene acts or is observed in a way that a batch does not."""
+    task = environment.composer_task
+    observed = {id(observable) for observable in task.task_observables.values()}
+    for entity in task.root_entity.iter_entities():
+        name = entity.mjcf_model.model
+        hooks = [hook for hook in _HOOKS if getattr(type(entity), hook) is not getattr(composer.Entity, hook)]
+        if hooks:
+            raise ValueError(
+                f"entity {name!r} overrides {hooks}, which vectorised environments do not call: write what it does as "
+                "extra_observations, extra_rewards or reset_physics of the task; see docs/guide/extending.md"
+            )
+        for key, observable in entity.observables.as_dict(fully_qualified=False).items():
+            if observable.enabled and id(observable) not in observed:
+                raise ValueError(
+                    f"observable {key!r} of entity {name!r} is enabled, which vectorised environments do not observe: "
+                    "add it to the task's extra_observations"
+                )
 
 
 def processors() -> int:

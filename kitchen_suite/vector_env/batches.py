@@ -12,6 +12,7 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 import tree
+from dm_control import mjcf
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
@@ -80,9 +81,11 @@ class JoinedBatch:
         """Warnings of MuJoCo, as those of a batch."""
         return self.join([batch.warning for batch in self.batches])
 
-    def expand(self, name: str) -> list[NDArray]:
+    def expand(self, name: str) -> "JoinedRows":
         """Returns live rows of a field of the model, which each simulation then has for itself."""
-        return self._split([batch.expand(name) for batch in self.batches])
+        arrays = [batch.expand(name) for batch in self.batches]
+        places = [(array, row) for array in arrays for row in range(len(array))]
+        return JoinedRows([places[place] for place in self._order.tolist()])
 
     def call(self, method: Callable[..., None], ids: NDArray | None, *arguments: Any, **options: Any) -> None:
         """Calls a method of each batch for its simulations among some, all if `ids` is None."""
@@ -113,12 +116,29 @@ class JoinedBatch:
     step = functools.partialmethod(call, Batch.step)
 
 
+class JoinedRows:
+    """Rows of several arrays as those of one."""
+
+    def __init__(self, places: Sequence[tuple[NDArray, int]]) -> None:
+        """Stores the array and index of each row."""
+        self._places = places
+
+    def __getitem__(self, i: int) -> Any:
+        array, row = self._places[i]
+        return array[row]
+
+    def __setitem__(self, i: int, value: Any) -> None:
+        array, row = self._places[i]
+        array[row] = value
+
+
 class JoinedSimulation:
     """The simulations of a joined batch, in whose models a column means the same; all that is read is a copy."""
 
-    def __init__(self, batch: JoinedBatch) -> None:
+    def __init__(self, batch: JoinedBatch, physics: Sequence[mjcf.Physics]) -> None:
+        """Stores a batch, and a physics of each of its models, which know the names in it."""
         self.batch = batch
-        self.parts = [BatchSimulation(each) for each in batch.batches]
+        self.parts = [BatchSimulation(each, one) for each, one in zip(batch.batches, physics, strict=True)]
 
     def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
         return self.batch.join([part.read(field, columns) for part in self.parts])
@@ -126,6 +146,9 @@ class JoinedSimulation:
     def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
         for part, rows in zip(self.parts, self.batch.rows, strict=True):
             part.write(field, columns, values[rows])
+
+    def named(self, field: str, name: str) -> NDArray[np.float64]:
+        return self.batch.join([part.named(field, name) for part in self.parts])
 
     def evaluate(self) -> None:
         """Does nothing, as of a batch."""
@@ -150,10 +173,11 @@ class JoinedSensors:
         return tree.unflatten_as(readings[0], [simulation.batch.join(parts) for parts in arrays])
 
 
-def make_simulations(models: Sequence[mujoco.MjModel], threads: int) -> tuple[Any, Simulation]:
-    """Returns a batch with a simulation of each model, joined if these are several, and its simulations."""
+def make_simulations(physics: Sequence[mjcf.Physics], threads: int) -> tuple[Any, Simulation]:
+    """Returns a batch with a simulation of the model of each physics, joined if these are several models."""
+    models = [each.model.ptr for each in physics]
     if all(model is models[0] for model in models):
         batch = make_batch(models[0], len(models), threads)
-        return batch, BatchSimulation(batch)
+        return batch, BatchSimulation(batch, physics[0])
     joined = JoinedBatch(models, threads)
-    return joined, JoinedSimulation(joined)
+    return joined, JoinedSimulation(joined, [*{id(each.model.ptr): each for each in physics}.values()])

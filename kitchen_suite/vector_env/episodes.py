@@ -1,6 +1,6 @@
 """Many episodes of one task, stepped in one call of MuJoCo's batched stepping."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -10,6 +10,7 @@ import tree
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import PHYSICS_STATE, Environment
+from kitchen_suite.environment.edits import ModelSnapshot, read_field, write_field
 from kitchen_suite.gymnasium_env.base import PHYSICS
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
@@ -47,13 +48,14 @@ class BatchEpisodes:
       has_moved: `(n,)`, whether an episode has been started or stepped since a reader of this set it to False.
     """
 
-    def __init__(self, environments: Sequence[Environment], threads: int) -> None:
+    def __init__(self, environments: Sequence[Environment], threads: int, written: Collection[str] = ()) -> None:
         """Builds the simulations; `start` starts the episodes.
 
         Args:
           environments: the single environment that starts each of the `n` episodes, the same for many; their models are
             compiled, and their tasks differ in what is part of states and sensors alone. Nothing else may step them.
           threads: number of threads that step the episodes, including the calling one.
+          written: fields of the model that the tasks' own code writes at resets, beside what varies.
         """
         count, distinct = len(environments), [*dict.fromkeys(environments)]
         _check_robots(distinct)
@@ -62,16 +64,28 @@ class BatchEpisodes:
         self._physics_steps = self._task.physics_steps_per_control_step
         self._sensors = _joined([each.task.mdp.sensors for each in distinct])
         self._extras = _joined([each.task.extras for each in distinct])
-        self._extra_values = np.zeros((count, self._task.extra_size))
-        stages = (self._sensors.stage, self._mdp.action_mode.stage, *([self._extras.stage] if self._extras else []))
+        self._extra_values = np.zeros((count, self._task.extras.size if self._task.extras else 0))
+        self._observations = self._task.observations
+        stages = [self._sensors.stage, self._mdp.action_mode.stage]
+        if self._extras:
+            stages.append(self._extras.stage)
+        if self._observations.by_name:
+            # What a single simulation has after each step.
+            stages.append(mujoco.mjtStage.mjSTAGE_VEL)
         self._stage = max(map(int, stages))
         models = [each.physics.model.ptr for each in environments]
-        self.batch, self._simulation = make_simulations(models, threads)
-        self._stepper = Stepper(self._mdp, self._simulation, self._task.pusher)
+        self.batch, self._simulation = make_simulations([each.physics for each in environments], threads)
+        self._stepper = Stepper(
+            self._mdp, self._simulation, self._task.pusher, self._observations, self._task.extra_terminations
+        )
         randomizer = self._task.variations.randomizer
-        self._model_fields = {name: self.batch.expand(name) for name in randomizer.model_fields}
+        self._model_fields: dict[str, Any] = {
+            name: self.batch.expand(name)
+            for name in {**dict.fromkeys(randomizer.model_fields), **dict.fromkeys(written)}
+        }
         for name in randomizer.visual_fields:
-            self._model_fields[name] = [np.array(getattr(model, name)) for model in models]
+            self._model_fields[name] = [read_field(model, name) for model in models]
+        self._snapshots = {each: ModelSnapshot(each.physics.model.ptr) for each in distinct}
         self.streams = [Stream(None) for _ in range(count)]
         self.state: EpisodeState = self._task.episode.repeated(count)
         self._masked_variation_info: dict[str, Any] | None = None
@@ -95,6 +109,40 @@ class BatchEpisodes:
         """Makes the next start of episodes follow checked requests, by index: for variations, and the task's."""
         self._variation_requests, self._task_requests = dict(variations), dict(of_task)
 
+    def follow_edits(self) -> None:
+        """Makes the simulations take what a user has changed in the models of their environments since the last call.
+
+        Raises a RuntimeError if the MJCF of an environment has been edited, which simulations cannot take.
+        """
+        for environment, snapshot in self._snapshots.items():
+            if environment.mjcf_has_changed():
+                raise RuntimeError(
+                    "the MJCF of the scene has been edited after the environments were built, which has no effect on "
+                    "them: edit it in the function that builds the scene or in the constructor of the task, or change "
+                    "template_env.environment.physics.model instead"
+                )
+            model = environment.physics.model.ptr
+            for name in self._unknown_changes(snapshot):
+                values = self.batch.expand(name)
+                for i, each in enumerate(self._environments):
+                    if each is environment:
+                        values[i] = read_field(model, name)
+            snapshot.update()
+
+    def check_written_fields(self) -> None:
+        """Raises a RuntimeError if resets have written fields of a model that they did not write at the first reset."""
+        for environment, snapshot in self._snapshots.items():
+            if names := self._unknown_changes(snapshot):
+                task = type(environment.task).__name__
+                raise RuntimeError(
+                    f"{task} has changed the fields {names} of the physics' model at this reset, but not at the first "
+                    "one, so that the simulations do not have them: write them at every reset"
+                )
+
+    def _unknown_changes(self, snapshot: ModelSnapshot) -> list[str]:
+        """Returns the fields that differ from a snapshot, beside those that every simulation has for itself."""
+        return [name for name in snapshot.changed() if name not in self._model_fields]
+
     def start(self, mask: NDArray[np.bool_]) -> None:
         """Starts episodes where the mask `(n,)` is True."""
         (indices,) = mask.nonzero()
@@ -115,7 +163,7 @@ class BatchEpisodes:
             model, data = environment.physics.model.ptr, environment.physics.data.ptr
             mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
             for name, values in self._model_fields.items():
-                values[i][:] = getattr(model, name)
+                values[i] = read_field(model, name)
             for rows, started in zip(arrays, task.episode.arrays(), strict=True):
                 if started is not None:
                     rows[i] = started
@@ -151,20 +199,21 @@ class BatchEpisodes:
           Rewards, terminations, and which simulations diverged, each `(n,)`; 0 and False where not `stepping`.
         """
         mdp, everyone = self._mdp, bool(stepping.all())
-        acting, ctrl = self._stepper.act(self.state, actions, self._draw_actions(stepping))
-        self._simulation.write("ctrl", mdp.sensors.ctrl, ctrl)
+        acted, acting = self._stepper.act(self.state, actions, self._draw_actions(stepping))
+        self._simulation.write("ctrl", mdp.sensors.ctrl, acting.ctrl)
         self.batch.step(None if everyone else stepping, self._physics_steps, self._stage)
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
         everyone, alive = everyone and not diverged.any(), stepping & ~diverged
         self._draw_noise(alive)
         if self._extras:
             self._extra_values = self._extras.read(self._simulation)
-        after = self._stepper.observe(acting, self._sensors.read(self._simulation), self._draws)
+        after = self._stepper.observe(acted, acting, self._sensors.read(self._simulation), self._draws)
+        self._draw_noise_of_observations(after, alive)
         self.state = after if everyone else after.persisting(mdp.persistent, self.state.mdp_state, ~alive)
         self.steps += stepping
         self.has_moved |= stepping
         rewards = np.where(alive, mdp.reward(after.mdp_state), 0.0)
-        return rewards, (mdp.terminates(after.mdp_state) & alive) | diverged, diverged
+        return rewards, (self._stepper.terminates(after) & alive) | diverged, diverged
 
     def _draw_actions(self, stepping: NDArray[np.bool_]) -> NDArray[np.float64] | float:
         """Returns draws `(n,)` for the actions, from U(0, 1): only where `stepping`, the median elsewhere."""
@@ -181,16 +230,32 @@ class BatchEpisodes:
             for i in stepping.nonzero()[0].tolist():
                 self._draws[i] = self._mdp.draw_noise(self.streams[i].random_state)
 
+    def _draw_noise_of_observations(self, state: EpisodeState, stepping: NDArray[np.bool_]) -> None:
+        """Draws the noise of the extra observations in a state where `stepping`."""
+        if state.measured is None or not state.measured.noisy:
+            return
+        values, noisy = state.measured
+        for i in stepping.nonzero()[0].tolist():
+            row = {name: value[i] for name, value in values.items()}
+            for name, value in self._observations.corrupt(row, self.streams[i].random_state).items():
+                noisy[name][i] = value
+
     def observation(self) -> NDArray:
-        """Returns the flat observations `(n, m)`, those of the MDP and the extra observables, in a fresh array."""
-        flat = self._mdp.observation(self._simulation, self.state.mdp_state)
-        if not self._extras:
+        """Returns the flat observations `(n, m)`: of the MDP, extra observables and observations; a fresh array."""
+        flat, measured = self._mdp.observation(self._simulation, self.state.mdp_state), self.state.measured
+        extras = [self._extra_values] if self._extras else []
+        own = [] if measured is None else self._observations.flat(measured)
+        if not extras and not own:
             return flat
-        return np.concatenate([flat, self._extra_values], axis=-1, dtype=flat.dtype, casting="same_kind")
+        return np.concatenate([flat, *extras, *own], axis=-1, dtype=flat.dtype, casting="same_kind")
 
     def info(self) -> dict[str, Any]:
-        """Returns the infos of the MDP, and the number of steps as `episode_step`: fresh arrays `(n, ...)`."""
-        return {**self._mdp.info(self.state.mdp_state), "episode_step": self.steps.copy()}
+        """Returns the infos of MDP and terminations, and the number of steps as `episode_step`: fresh `(n, ...)`."""
+        return {
+            **self._mdp.info(self.state.mdp_state),
+            **self.state.termination_info(),
+            "episode_step": self.steps.copy(),
+        }
 
     def variation_info(self) -> dict[str, Any]:
         """Returns the infos on variation and physics: fresh arrays `(n, ...)`, and nested dicts of these."""
@@ -215,7 +280,7 @@ class BatchEpisodes:
         environment = self._environments[i]
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
         for name, values in self._model_fields.items():
-            getattr(model, name)[:] = values[i]
+            write_field(model, name, values[i])
         mujoco.mj_setState(model, data, self.batch.state[i], PHYSICS_STATE)
         environment.task.variations.place_fixed()
         mujoco.mj_forward(model, data)

@@ -53,23 +53,21 @@ def reward(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) -> Arr
     if mdp.sensors.measures_hand:
         shaping = _shaping(infos, mdp.goals)
         shares = task_shares(shaping, success=mdp.success, achieved=achieved, desired=desired, mask=requested)
-        step = Step(shares=shares)
+        step = RelabelledStep(shares=shares)
     else:
         rewarded = _listed(infos, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS), elsewhere=True)
         within = _within(achieved, desired, mdp) & rewarded
         if mdp.tasks_in_order:
             within = counted_in_order(within, ~rewarded)
-        step = Step(completions=within if requested is None else within & requested)
-    action = np.zeros(0)
+        step = RelabelledStep(completions=within if requested is None else within & requested)
     terms = {
-        name: term(None, action, step) if term in GOAL_TERMS else _part(infos, f"reward/{name}")
-        for name, term in mdp.rewards.items()
+        name: term(step) if term in GOAL_TERMS else _part(infos, f"reward/{name}") for name, term in mdp.rewards.items()
     }
     return total(terms)
 
 
-class Step(NamedTuple):
-    """The parts of a state after a step that terms of goals read; see `KitchenState`."""
+class RelabelledStep(NamedTuple):
+    """What terms of goals read of a step, for goals that may be others than its episode's; see `KitchenTransition`."""
 
     completions: NDArray[np.bool_] | None = None
     shares: Shares | None = None

@@ -1,6 +1,7 @@
 """The kitchen's Markov decision process: the state after a control step, its reward, observation and infos."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ from kitchen_suite.tasks.kitchen.requests import (
     next_in_turn,
 )
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, task_shares
-from kitchen_suite.tasks.mdp import MDP, Simulation
+from kitchen_suite.tasks.mdp import MDP, Simulation, Transition
 
 # Names of the terms of the sparse reward, which follow from the completions and are not saved.
 _SPARSE = REWARDS["sparse"].keys()
@@ -50,7 +51,6 @@ class KitchenState(NamedTuple):
       requested_order: `(..., n)`, see `requests`; None if every episode asks for all tasks.
       goal_states: `(..., 30 k)`, see `requests`; None if none are observed.
       goal_pictures: `(..., c, height, width, 3)`, pictures of the last of them; None without these or cameras.
-      shares: of each task, while the terms of a dense reward are computed; None otherwise.
     """
 
     noise: Array
@@ -64,7 +64,6 @@ class KitchenState(NamedTuple):
     requested_order: NDArray[np.int64] | None = None
     goal_states: Array | None = None
     goal_pictures: NDArray[np.uint8] | None = None
-    shares: Shares | None = None
 
     @property
     def completions(self) -> NDArray[np.bool_]:
@@ -81,7 +80,7 @@ def as_dict(state: KitchenState) -> dict[str, Any]:
     if state.terms.keys() != _SPARSE:
         parts["terms"] = state.terms
     nested = {name: {key: np.array(array) for key, array in part.items()} for name, part in parts.items()}
-    others = fields.keys() - {"progress", "shaping", "terms", "shares"}
+    others = fields.keys() - {"progress", "shaping", "terms"}
     flat = {name: part for name, part in fields.items() if name in others and part is not None}
     return {**{name: np.array(array) for name, array in flat.items()}, **nested}
 
@@ -94,6 +93,36 @@ def from_dict(arrays: Mapping[str, Any]) -> KitchenState:
     progress = Progress(**parts["progress"])
     terms = {"completion": np.add.reduce(progress.completions, axis=-1, dtype=np.float64)}
     return KitchenState(**{"terms": terms, **parts, "progress": progress})
+
+
+class KitchenTransition(Transition):
+    """A control step in the kitchen."""
+
+    before: KitchenState
+    after: KitchenState
+
+    def __init__(self, mdp: "KitchenMDP", *parts: Any) -> None:
+        """Stores the settings, and the parts of a `Transition`."""
+        super().__init__(*parts)
+        self._mdp = mdp
+
+    @property
+    def completions(self) -> NDArray[np.bool_]:
+        """`(..., n)`, tasks that the step completed."""
+        return self.after.completions
+
+    @functools.cached_property
+    def shares(self) -> Shares:
+        """How far each task has come, before and after the step; for dense rewards alone."""
+        assert self.after.shaping is not None, "only a dense reward has a state"
+        mdp, state = self._mdp, self.after
+        return task_shares(
+            state.shaping,
+            success=mdp.success,
+            achieved=state.achieved,
+            desired=mdp.goals.desired,
+            mask=mdp.attempted(self.before),
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -194,8 +223,13 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             return order
         return np.where(next_in_turn(order, state.progress.completed), order, -1)
 
-    def _attempted(self, state: KitchenState) -> NDArray[np.bool_]:
-        """Returns which tasks `(..., n)` the next step may complete, or have been completed before."""
+    def attempted(self, state: KitchenState) -> NDArray[np.bool_] | None:
+        """Returns which tasks `(..., n)` the next step may complete, or have been completed before.
+
+        None if every episode asks for all tasks.
+        """
+        if state.requested_order is None:
+            return None
         current = self.current_mask(state)
         return current | state.progress.completed if self.tasks_in_turn else current
 
@@ -205,12 +239,12 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             return None
         return Shaping.start(reading.achieved, reading.hand_distances, self.goals)
 
-    def step(
+    def next_state(
         self, state: KitchenState, *, action: Array, target: Array, reading: KitchenReading, draws: Array
     ) -> KitchenState:
         positions, achieved, hand_distances = reading
         within = self.success.within(achieved)
-        attempted = None if state.requested_order is None else self._attempted(state)
+        attempted = self.attempted(state)
         if attempted is not None:
             within = within & attempted
         if self.tasks_in_order:
@@ -233,11 +267,11 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             if self.tasks_in_turn:
                 shaping = shaping.restarted(before.advanced, state.achieved, self.goals)
             shaping = shaping.after(state.achieved, before.completed, hand_distances, self.goals)
-            shares = task_shares(
-                shaping, success=self.success, achieved=achieved, desired=self.goals.desired, mask=attempted
-            )
-            after = after._replace(shaping=shaping, shares=shares)
-        return after._replace(terms=self.reward_terms(state, action, after), shares=None)
+            after = after._replace(shaping=shaping)
+        return after
+
+    def transition(self, *parts: Any) -> KitchenTransition:
+        return KitchenTransition(self, *parts)
 
     def observation(self, simulation: Simulation, state: KitchenState) -> Array:
         return self.sensors.observed(simulation) + state.noise
@@ -282,7 +316,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             infos |= {f"{REQUESTED}_mask": state.requested_order >= 0, REQUESTED_ORDER: state.requested_order.copy()}
         if self.tasks_in_turn:
             # A step that completes a task has not attempted the next one.
-            attempted = np.where(progress.advanced[..., np.newaxis], progress.completed, self._attempted(state))
+            attempted = np.where(progress.advanced[..., np.newaxis], progress.completed, self.attempted(state))
             infos[f"{ATTEMPTED}_mask"] = attempted
         if state.terms.keys() != _SPARSE:
             infos |= {f"reward/{name}": np.array(term) for name, term in state.terms.items()}

@@ -20,6 +20,7 @@ from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.mdp import SceneIndices, Simulation
+from kitchen_suite.tasks.observables import joined
 
 # Amplitudes of the noise [rad, m, rad/s, m/s], 0.1 for the robot. The reference has them from a table for another
 # scene, hence no pattern.
@@ -224,7 +225,7 @@ class KitchenObservables:
         }
         requested = {name: observable.Generic(lambda physics, read=read: read()) for name, read in requests.items()}
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
-            {**state, **extra, **achieved, **desired, **requested}
+            joined(state, extra, achieved, desired, requested)
         )
         for part in self.by_name.values():
             part.enabled = True

@@ -167,7 +167,7 @@ def covered(distances: Array, initial: Array) -> Array:
         return np.fmax(1.0 - distances / np.maximum(initial, _LEAST_DISTANCE), 0.0)
 
 
-# The terms are functions of the state before a step, its action, and the state after it; see `tasks.mdp.RewardTerm`.
+# The terms are functions of a control step: a `KitchenTransition`, or a `goal_rewards.RelabelledStep`.
 
 
 def _summed(by_task: Array) -> Array:
@@ -176,47 +176,47 @@ def _summed(by_task: Array) -> Array:
     return np.add.reduce(np.ascontiguousarray(by_task), axis=-1)
 
 
-def completions(before: Any, action: Array, after: Any) -> Array:
+def completions(step: Any) -> Array:
     """The number of tasks completed in the step."""
-    return np.add.reduce(after.completions, axis=-1, dtype=np.float64)
+    return np.add.reduce(step.completions, axis=-1, dtype=np.float64)
 
 
-def approach(before: Any, action: Array, after: Any) -> Array:
+def approach(step: Any) -> Array:
     """The part of the approach in the potential after the step."""
-    return _summed(_APPROACH_WEIGHT * after.shares.approach * after.shares.remains)
+    return _summed(_APPROACH_WEIGHT * step.shares.approach * step.shares.remains)
 
 
-def progress(before: Any, action: Array, after: Any) -> Array:
+def progress(step: Any) -> Array:
     """The part of the progress in the potential after the step."""
-    return _summed(_PROGRESS_WEIGHT * after.shares.progress * after.shares.remains)
+    return _summed(_PROGRESS_WEIGHT * step.shares.progress * step.shares.remains)
 
 
-def completed(before: Any, action: Array, after: Any) -> Array:
+def completed(step: Any) -> Array:
     """The number of tasks that have been completed."""
-    return _summed(1.0 - after.shares.remains)
+    return _summed(1.0 - step.shares.remains)
 
 
-def approach_gain(before: Any, action: Array, after: Any) -> Array:
+def approach_gain(step: Any) -> Array:
     """The gain of the approach over its greatest value before."""
-    shares = after.shares
+    shares = step.shares
     return _summed(_APPROACH_WEIGHT * (shares.approach - shares.previous_approach) * shares.remains)
 
 
-def progress_gain(before: Any, action: Array, after: Any) -> Array:
+def progress_gain(step: Any) -> Array:
     """The gain of the progress over its greatest value before.
 
     For a goal other than the episode's, as hindsight relabelling has them, the greatest progress so far is unknown. The
     change of the progress, which may be negative, stands for the gain then.
     """
-    shares = after.shares
+    shares = step.shares
     change = shares.progress - shares.previous_progress
     gain = np.where(shares.is_relabelled, change, np.maximum(change, 0.0))
     return _summed(_PROGRESS_WEIGHT * gain * shares.remains)
 
 
-def completion_gain(before: Any, action: Array, after: Any) -> Array:
+def completion_gain(step: Any) -> Array:
     """The rest of the potential up to its greatest value, 1, for each task that the step completes."""
-    shares = after.shares
+    shares = step.shares
     paid = _APPROACH_WEIGHT * shares.previous_approach + _PROGRESS_WEIGHT * shares.previous_progress
     return _summed(np.where(shares.completed & ~shares.previously_completed, 1.0 - paid, 0.0))
 
@@ -233,8 +233,8 @@ REWARDS: Mapping[str, Mapping[str, RewardTerm]] = MappingProxyType(
 """The terms of each reward, by the names of reward and term."""
 
 GOAL_TERMS = frozenset({completions, approach, progress, completed, approach_gain, progress_gain, completion_gain})
-"""Terms that read only `completions` or, of a dense reward, `shares` of the state after the step, so that they can be
-computed for other goals. Infos have the values of all other terms."""
+"""Terms that read only `completions` or, of a dense reward, `shares` of a step, so that they can be computed for other
+goals. Infos have the values of all other terms."""
 
 # Rewards that pay for completed tasks in every later step: their episodes go on by default.
 CONTINUING = frozenset({"dense"})

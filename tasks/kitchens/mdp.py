@@ -5,6 +5,7 @@ kitchen is part of the state, so that one MDP steps episodes in many kitchens to
 """
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -24,7 +25,7 @@ from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shares, covered
-from kitchen_suite.tasks.mdp import MDP, Columns, Simulation, as_columns
+from kitchen_suite.tasks.mdp import MDP, Columns, Simulation, Transition, as_columns
 
 # Openings from which a part counts as open or on, and up to which it counts as closed or off, as a share.
 OPEN, CLOSED = 0.75, 0.15
@@ -270,7 +271,6 @@ class KitchensState(NamedTuple):
       slots: the parts of the kitchen.
       terms: `(...)` each, the terms of the last step's reward by name.
       shaping: state of a dense reward; None for the sparse one.
-      shares: while the terms of a dense reward are computed; None otherwise.
     """
 
     noise: Array
@@ -286,7 +286,6 @@ class KitchensState(NamedTuple):
     slots: Slots
     terms: dict[str, Array]
     shaping: Shaping | None = None
-    shares: Shares | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Returns the state as nested dicts of fresh arrays, without the kitchen's slots and what is None."""
@@ -318,6 +317,40 @@ class KitchensState(NamedTuple):
         """`(..., K)`, of the hand from the handles [m]."""
         offsets = self.handles[..., :3] - self.hand[..., np.newaxis, :3]
         return np.sqrt(rotations.squared_length(offsets))
+
+    def goal_progress(self, shaping: Shaping) -> Array:
+        """Returns the fraction `(..., K)` of the way to the goal that the parts have covered, requested or not."""
+        return covered(np.abs(self.goal - self.openings), np.abs(self.goal - shaping.initial_openings))
+
+
+class KitchensTransition(Transition):
+    """A control step in a generated kitchen."""
+
+    before: KitchensState
+    after: KitchensState
+
+    @property
+    def completions(self) -> NDArray[np.bool_]:
+        """`(..., K)`, parts whose task the step completed."""
+        return self.after.completions
+
+    @functools.cached_property
+    def shares(self) -> Shares:
+        """How far each requested part has come, before and after the step; for dense rewards alone."""
+        before, after = self.before, self.after
+        assert before.shaping is not None, "only a dense reward has a state"
+        assert after.shaping is not None, "only a dense reward has a state"
+        requested = after.requested
+        shares = Shares(
+            approach=after.shaping.best_approach,
+            previous_approach=before.shaping.best_approach,
+            progress=after.goal_progress(after.shaping),
+            previous_progress=before.shaping.best_progress,
+            is_relabelled=np.zeros(requested.shape, bool),
+            completed=after.progress.completed,
+            previously_completed=before.progress.completed,
+        )
+        return Shares(*(np.where(requested, part, np.zeros((), part.dtype)) for part in shares))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -367,41 +400,30 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         progress = Progress.initial((MAX_PARTS,))._replace(remaining=order >= 0)
         return state._replace(order=order, goal=goal, progress=progress)
 
-    def step(
+    def next_state(
         self, state: KitchensState, *, action: Array, target: Array, reading: SlotReading, draws: Array
     ) -> KitchensState:
         after = state._replace(
-            noise=self.noise_scale * draws, target=target, terms={}, shares=None, **_measured(state.slots, reading)
+            noise=self.noise_scale * draws, target=target, terms={}, **_measured(state.slots, reading)
         )
         within = self.within(after.openings, after.goal) & state.requested
         after = after._replace(progress=state.progress.update(within, remove_task_when_completed=True))
-        if state.shaping is not None:
-            after = self._shaped(state, state.shaping, after)
-        return after._replace(terms=self.reward_terms(state, action, after), shares=None)
+        if state.shaping is None:
+            return after
+        approach = covered(after.hand_distances, state.shaping.initial_distances)
+        shaping = state.shaping._replace(
+            best_approach=np.maximum(state.shaping.best_approach, approach),
+            best_progress=np.maximum(state.shaping.best_progress, after.goal_progress(state.shaping)),
+        )
+        return after._replace(shaping=shaping)
+
+    def transition(self, *parts: Any) -> KitchensTransition:
+        return KitchensTransition(*parts)
 
     @staticmethod
     def within(openings: Array, goal: Array) -> NDArray[np.bool_]:
         """Returns which parts `(..., K)` are where a goal asks them to be."""
         return np.where(goal > 0.5, openings >= OPEN, openings <= CLOSED)
-
-    def _shaped(self, before: KitchensState, shaping: Shaping, after: KitchensState) -> KitchensState:
-        """Returns the state after a step with what its dense reward needs."""
-        approach = np.maximum(shaping.best_approach, covered(after.hand_distances, shaping.initial_distances))
-        initial = np.abs(after.goal - shaping.initial_openings)
-        progress = covered(np.abs(after.goal - after.openings), initial)
-        requested = after.requested
-        shares = Shares(
-            approach=approach,
-            previous_approach=shaping.best_approach,
-            progress=progress,
-            previous_progress=shaping.best_progress,
-            is_relabelled=np.zeros(requested.shape, bool),
-            completed=after.progress.completed,
-            previously_completed=before.progress.completed,
-        )
-        shares = Shares(*(np.where(requested, part, np.zeros((), part.dtype)) for part in shares))
-        best = shaping._replace(best_approach=approach, best_progress=np.maximum(shaping.best_progress, progress))
-        return after._replace(shaping=best, shares=shares)
 
     def observation(self, simulation: Simulation, state: KitchensState) -> NDArray[np.float32]:
         """Returns the flat observation `(..., m)`: parts as in `PARTS`; the slots of requested parts come first."""

@@ -20,6 +20,7 @@ from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, Tas
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchens.certificates import certificate_of
 from kitchen_suite.tasks.kitchens.mdp import PARTS, KitchensMDP, KitchensState, SlotSensors, noise_scale, size
+from kitchen_suite.tasks.observables import joined
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.task import Completions, Highlighting, Metrics, PolicyInputs, ResetRequests, SuiteTask
 from kitchen_suite.tasks.variations import appearance
@@ -237,7 +238,7 @@ class KitchensTask(SuiteTask):
         parts = {name: observable.Generic(functools.partial(self._part, part)) for name, part in PARTS.items()}
         for part in parts.values():
             part.enabled = True
-        self.observed = {**parts, **self.extra_observables}
+        self.observed = joined(parts, self.extra_observables)
         state_size = size(mdp.num_slots) + self.extra_size
         self.policy_inputs = PolicyInputs(names=(type(self).__name__,), state_size=state_size)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks import rotations
-from kitchen_suite.tasks.mdp import MDP, FeatureSensors, RewardTerm, Simulation
+from kitchen_suite.tasks.mdp import MDP, FeatureSensors, RewardTerm, Simulation, Transition
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]
@@ -70,15 +70,15 @@ class MicrowaveTableState(NamedTuple):
         return self.observation[..., PARTS["door_position"].start] / OPEN_ANGLE
 
 
-def approach(before: MicrowaveTableState, action: NDArray, after: MicrowaveTableState) -> Array:
+def approach(step: Transition) -> Array:
     """`1 - tanh(d / 0.1)`, `d` the distance of the fingertips from the handle [m]."""
-    distance = np.sqrt(rotations.squared_length(after.handle_offset))
+    distance = np.sqrt(rotations.squared_length(step.after.handle_offset))
     return 1.0 - np.tanh(distance / _APPROACH_DISTANCE)
 
 
-def opening(before: MicrowaveTableState, action: NDArray, after: MicrowaveTableState) -> Array:
+def opening(step: Transition) -> Array:
     """`5 * o`, `o` the angle of the door as a share of its goal, in [0, 1]."""
-    return 5.0 * np.clip(after.door_opening, 0.0, 1.0)
+    return 5.0 * np.clip(step.after.door_opening, 0.0, 1.0)
 
 
 REWARDS: Mapping[str, RewardTerm] = MappingProxyType({"approach": approach, "opening": opening})
@@ -101,11 +101,10 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
         axes = reading.shape[:-1]
         return self._state(reading, np.zeros(axes, bool))._replace(terms=self.no_reward(axes))
 
-    def step(
+    def next_state(
         self, state: MicrowaveTableState, *, action: Array, target: Array, reading: Array, draws: Array
     ) -> MicrowaveTableState:
-        after = self._state(reading, state.succeeded)
-        return after._replace(terms=self.reward_terms(state, action, after))
+        return self._state(reading, state.succeeded)
 
     def observation(self, simulation: Simulation, state: MicrowaveTableState) -> NDArray[np.float32]:
         return state.observation.astype(np.float32)

@@ -23,6 +23,7 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     SIZE,
     MicrowaveTableMDP,
 )
+from kitchen_suite.tasks.observables import joined
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.task import Highlighting, OpeningTask, PolicyInputs
 from kitchen_suite.tasks.variations import appearance
@@ -127,7 +128,7 @@ class MicrowaveTableTask(OpeningTask):
         }
         for part in parts.values():
             part.enabled = True
-        self.observed = {**parts, **self.extra_observables}
+        self.observed = joined(parts, self.extra_observables)
         self.policy_inputs = PolicyInputs(names=(type(self).__name__,), state_size=SIZE + self.extra_size)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 

@@ -2,16 +2,16 @@
 
 import dataclasses
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.tasks.mdp import MDP, Simulation
+from kitchen_suite.tasks.mdp import MDP, Simulation, Transition
 from kitchen_suite.tasks.open_cabinet.features import FEATURE_INDICES, Features, OpenCabinetSensors, scalars
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, clipped, observe
-from kitchen_suite.tasks.open_cabinet.reward import succeeds, terminates
+from kitchen_suite.tasks.open_cabinet.reward import Grip, grip, succeeds, terminates
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]
@@ -29,8 +29,6 @@ class OpenCabinetState(NamedTuple):
       terminates: `(...)`, whether the last step terminated the episode.
       succeeded: `(...)`, whether the drawer has been open by 0.3 m or more after some step.
       total_steps: `(...)`, control steps so far, over all episodes.
-      view: the features by name, while the terms of the reward are computed; None otherwise.
-      gripper: `(...)`, target of the fingers during the last step [m], as long.
     """
 
     features: Array
@@ -41,8 +39,6 @@ class OpenCabinetState(NamedTuple):
     terminates: NDArray[np.bool_]
     succeeded: NDArray[np.bool_]
     total_steps: NDArray[np.int64]
-    view: Features | None = None
-    gripper: Array | None = None
 
     @property
     def drawer_position(self) -> Array:
@@ -55,6 +51,33 @@ class OpenCabinetState(NamedTuple):
         return succeeds(self.drawer_position)
 
 
+class OpenCabinetTransition(Transition):
+    """A control step in front of the cabinet."""
+
+    before: OpenCabinetState
+    after: OpenCabinetState
+
+    def __init__(self, handle_radius: float, *parts: Any) -> None:
+        """Stores the radius of the handle's bar [m], and the parts of a `Transition`."""
+        super().__init__(*parts)
+        self._handle_radius = handle_radius
+
+    @functools.cached_property
+    def features(self) -> Features:
+        """The features after the step."""
+        return Features(self.after.features)
+
+    @functools.cached_property
+    def grip(self) -> Grip:
+        """Pose of the bar relative to the finger pads after the step."""
+        return grip(self.features, self._handle_radius)
+
+    @property
+    def gripper(self) -> Array:
+        """`(...)`, target of the fingers during the step [m]."""
+        return scalars(self.target[..., 7])
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
     """Settings of an open_cabinet task, and the mathematics of an episode under them; see `MDP` for those of all tasks.
@@ -62,11 +85,13 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
     Attributes:
       action_size: number of elements of the action.
       noise_scale: `(25,)`, greatest noise of each element of the observation, in its unit.
+      handle_radius: radius of the bar of the cabinet's handles [m].
     """
 
     sensors: OpenCabinetSensors
     action_size: int
     noise_scale: Array
+    handle_radius: float
 
     # The weights of the penalties depend on the control steps of all episodes.
     persistent = ("total_steps",)
@@ -93,11 +118,11 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
             total_steps=np.zeros(axes, np.int64),
         )
 
-    def step(
+    def next_state(
         self, state: OpenCabinetState, *, action: Array, target: Array, reading: Array, draws: Array
     ) -> OpenCabinetState:
         view = Features(reading)
-        after = OpenCabinetState(
+        return OpenCabinetState(
             features=reading,
             observation=observe(view),
             noise=self.noise_scale * draws if self.is_noisy else state.noise,
@@ -106,10 +131,10 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
             terminates=terminates(view),
             succeeded=state.succeeded | succeeds(view.drawer_position),
             total_steps=state.total_steps + 1,
-            view=view,
-            gripper=scalars(target[..., 7]),
         )
-        return after._replace(terms=self.reward_terms(state, action, after), view=None, gripper=None)
+
+    def transition(self, *parts: Any) -> OpenCabinetTransition:
+        return OpenCabinetTransition(self.handle_radius, *parts)
 
     def observation(self, simulation: Simulation, state: OpenCabinetState) -> NDArray[np.float32]:
         return clipped(state.observation + state.noise if self.is_noisy else state.observation)

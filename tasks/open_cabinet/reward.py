@@ -4,7 +4,6 @@ Constants are those of MotrixLab's franka-open-cabinet (Apache-2.0), except for 
 which follows the environment's published description.
 """
 
-import functools
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -12,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.franka_specs import PAD_HALF_SIZE
 from kitchen_suite.tasks import rotations
@@ -145,8 +143,6 @@ def bar_in_gripper_frame(features: Features) -> tuple[Array, Array]:
     return along, rotations.rotated(rotations.inverse(features.tcp_quaternion), nearest)
 
 
-# Two terms of a step ask for the same.
-@functools.lru_cache(maxsize=1)
 def grip(features: Features, handle_radius: float) -> Grip:
     """Returns the pose of the bar relative to the finger pads.
 
@@ -192,49 +188,46 @@ def _inside(share: Array) -> Array:
     return np.clip(3.0 * (1.0 - np.abs(share)), 0.0, 1.0)
 
 
+# The terms are functions of an `OpenCabinetTransition`.
+
+
 def _term(formula: Callable[[Features], Array]) -> RewardTerm:
     """Returns the term of a reward that depends on the features after the step alone."""
-    return lambda before, action, after: formula(after.view)
+    return lambda step: formula(step.features)
 
 
 # The change may be infinite; the term bounds it.
 @np.errstate(over="ignore")
-def _effort_term(before: Any, action: Array, after: Any) -> Array:
-    return effort(after.view, action - before.previous_action, before.total_steps)
+def _effort_term(step: Any) -> Array:
+    return effort(step.features, step.action - step.before.previous_action, step.before.total_steps)
 
 
 _SHARED: Mapping[str, RewardTerm] = {
     "approach": _term(approach),
     "straddling": _term(straddling),
     "effort": _effort_term,
-    "termination": lambda before, action, after: termination(after.terminates),
+    "termination": lambda step: termination(step.after.terminates),
 }
 
+_ORIGINAL: Mapping[str, RewardTerm] = {
+    **_SHARED,
+    "orientation": _term(orientation),
+    "grasp": lambda step: grasp(step.features, step.gripper),
+    "opening": _term(opening),
+}
 
-def original_rewards(config: CabinetConfig) -> dict[str, RewardTerm]:
-    """Returns the terms of the source's reward by name, in the order of `TERMS`."""
-    terms = {
-        **_SHARED,
-        "orientation": _term(orientation),
-        "grasp": lambda before, action, after: grasp(after.view, after.gripper),
-        "opening": _term(opening),
+# Pays for opening only while both pads hold the bar.
+_GRASP: Mapping[str, RewardTerm] = {
+    **_SHARED,
+    "orientation": _term(grasp_orientation),
+    "grasp": lambda step: grip_closing(step.grip, step.gripper),
+    "opening": lambda step: grasp_opening(step.features, step.grip),
+}
+
+REWARDS: Mapping[str, Mapping[str, RewardTerm]] = MappingProxyType(
+    {
+        "original": MappingProxyType({name: _ORIGINAL[name] for name in TERMS}),
+        "grasp": MappingProxyType({name: _GRASP[name] for name in TERMS}),
     }
-    return {name: terms[name] for name in TERMS}
-
-
-def grasp_rewards(config: CabinetConfig) -> dict[str, RewardTerm]:
-    """Returns the terms, by the same names, of the reward that pays for opening only while both pads hold the bar."""
-    radius = config.handle_radius
-    terms = {
-        **_SHARED,
-        "orientation": _term(grasp_orientation),
-        "grasp": lambda before, action, after: grip_closing(grip(after.view, radius), after.gripper),
-        "opening": _term(lambda features: grasp_opening(features, grip(features, radius))),
-    }
-    return {name: terms[name] for name in TERMS}
-
-
-REWARDS: Mapping[str, Callable[[CabinetConfig], dict[str, RewardTerm]]] = MappingProxyType(
-    {"original": original_rewards, "grasp": grasp_rewards}
 )
-"""The terms of each reward, by the names of reward and term, as functions of the cabinet's config."""
+"""The terms of each reward, by the names of reward and term, in the order of `TERMS`."""

@@ -14,6 +14,7 @@ from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.mdp import as_columns
+from kitchen_suite.tasks.observables import joined
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, OpenCabinetMDP
@@ -43,7 +44,7 @@ class OpenCabinetTask(OpeningTask):
 
     Start: the robot in its default pose in front of the cabinet, with noise U(-0.125, 0.125) on each joint within its
       limits; drawers and doors closed.
-    Reward: at each step, the sum of seven terms, those of `reward.original_rewards` or `reward.grasp_rewards`.
+    Reward: at each step, the sum of seven terms, those of `reward.REWARDS`.
     End: discount 0 when the gripper reaches behind the handle or a joint moves faster than 5 rad/s or m/s; discount 1
       at the time limit. Success, an opening of 0.3 m or more, does not end the episode.
     Observations: 25 numbers in six named parts, in single precision, clipped to [-5, 5].
@@ -106,12 +107,13 @@ class OpenCabinetTask(OpeningTask):
             action_mode=action_mode,
             action_size=action_size,
             noise_scale=self._observables.noise_scale,
-            rewards=self.with_extra_rewards(REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.config)),
+            handle_radius=scene.cabinet.config.handle_radius,
+            rewards=self.with_extra_rewards(REWARDS[checks.choice(reward, REWARDS, "reward")]),
         )
         self.reward_name = reward
         super().__init__(scene, mdp, **observables)
         self.vary(handles=[scene.cabinet.handle_site(drawer)], home=DEFAULT_POSE, first=[*randomized.values()])
-        self.observed = {**self._observables.by_name, **self.extra_observables}
+        self.observed = joined(self._observables.by_name, self.extra_observables)
         name = f"{drawer}_drawer" + ("" if reward == "original" else f"_{reward}")
         self.policy_inputs = PolicyInputs(names=(name,), state_size=observation.SIZE + self.extra_size)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)

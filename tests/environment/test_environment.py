@@ -6,6 +6,7 @@ import pytest
 from dm_control import composer
 from dm_control.composer.observation import observable
 from dm_control.composer.variation import distributions, noises
+from dm_control.entities.props.primitive import Primitive
 from dm_control.rl import control
 from helpers.errors import refused
 from helpers.sweeps import brief
@@ -49,17 +50,20 @@ def test_all_substeps_are_one_call_without_substep_hooks_and_buffers():
     assert count_physics_calls(environment) == [40]
 
 
-class TaskWithSubstepHook(KitchenTask):
+class PropWithSubstepHook(Primitive):
+    substeps = 0
+
     def after_substep(self, physics, random_state):
-        self.substeps = getattr(self, "substeps", 0) + 1
+        self.substeps += 1
 
 
-def test_a_tasks_substep_hook_is_called_for_each_substep():
-    task = make_task(TaskWithSubstepHook)
+def test_an_entitys_substep_hook_is_called_for_each_substep():
+    task, prop = make_task(), PropWithSubstepHook(geom_type="sphere", size=(0.02,), name="ball")
+    task.scene.attach(prop)
     environment = Environment(task)
     environment.reset()
     assert count_physics_calls(environment) == [1] * 40
-    assert task.substeps == 40
+    assert prop.substeps == 40
 
 
 def test_a_users_substep_hook_is_called_for_each_substep_even_when_added_late():

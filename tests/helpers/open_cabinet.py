@@ -12,6 +12,7 @@ from kitchen_suite.policies.experts.kinematics import ArmKinematics
 from kitchen_suite.policies.experts.skills import HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
+from kitchen_suite.tasks.open_cabinet import reward
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 
 # Gripper logit at which the gripper opens almost surely.
@@ -186,8 +187,17 @@ class RecomputedGrasp(Recomputed):
         return [inward @ (self.nearest - face) - 0.006 for face, inward in zip(faces, inwards, strict=True)]
 
 
-def reward_terms(rewards, features, *, gripper, action_change, total_steps, terminated):
-    """Terms of a step's reward by name, from what the states before and after it hold."""
+def step_of(features, *, gripper, action_change, total_steps, terminated, handle_radius=0.008):
+    """A control step, with what the terms of the rewards read of it."""
     before = types.SimpleNamespace(previous_action=np.zeros(8), total_steps=total_steps)
-    after = types.SimpleNamespace(view=features, gripper=gripper, terminates=terminated)
-    return {name: term(before, action_change, after) for name, term in rewards.items()}
+    after = types.SimpleNamespace(terminates=terminated)
+    grip = reward.grip(features, handle_radius)
+    return types.SimpleNamespace(
+        before=before, action=action_change, after=after, features=features, gripper=gripper, grip=grip
+    )
+
+
+def reward_terms(rewards, features, **parts):
+    """Terms of a step's reward by name; `parts` as of `step_of`."""
+    step = step_of(features, **parts)
+    return {name: term(step) for name, term in rewards.items()}

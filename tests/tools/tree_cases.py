@@ -25,18 +25,21 @@ Case = Callable[[], Arrays]
 Named = Iterator[tuple[str, Case]]
 Options = Mapping[str, Any]
 
-DOMAINS = ("kitchen", "open_cabinet", "microwave_table")
+DOMAINS = ("kitchen", "open_cabinet", "microwave_table", "kitchens")
 # Domains that have an expert in earlier trees, too.
 EXPERT_DOMAINS = ("kitchen", "open_cabinet")
 ENV_IDS = {
     "kitchen": "KitchenSuite/FrankaKitchen-v1",
     "open_cabinet": "KitchenSuite/FrankaOpenCabinet-v1",
     "microwave_table": "KitchenSuite/FrankaMicrowaveTable-v1",
+    "kitchens": "KitchenSuite/Kitchens-v1",
 }
 # A task of each domain, and the standard deviation of random actions.
-TASKS = {"kitchen": "all", "open_cabinet": "top_drawer", "microwave_table": "open"}
-SCALES = {"kitchen": 1.0, "open_cabinet": 0.05, "microwave_table": 0.05}
+TASKS = {"kitchen": "all", "open_cabinet": "top_drawer", "microwave_table": "open", "kitchens": "any_2"}
+SCALES = {"kitchen": 1.0, "open_cabinet": 0.05, "microwave_table": 0.05, "kitchens": 1.0}
 GROUPS = ("start", "layout", "dynamics", "sensing", "appearance", "camera")
+# Groups that vary nothing in a domain.
+MISSING_GROUPS = {"kitchens": ("layout", "appearance")}
 SPLITS = ("seen", "held_out")
 AUTORESET = (("NextStep", 1), ("SameStep", 2), ("Disabled", 3))
 # In the metadata of episodes, of which earlier trees had none.
@@ -102,6 +105,15 @@ SETTINGS: dict[str, dict[str, dict[str, Any]]] = {
         "sampled gripper": {"gripper": "sampled"},
         "threshold": {"threshold": 0.8},
     },
+    "kitchens": {
+        "defaults": {},
+        "another design": {"design": 3, "split": "test"},
+        "certified": {"certified": True},
+        "few slots": {"num_slots": 4},
+        "dense": {"reward": "dense"},
+        "dense gain": {"reward": "dense_gain"},
+        "no noise": {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0},
+    },
 }
 MODES: dict[str, dict[str, dict[str, Any]]] = {
     "shared": {
@@ -121,6 +133,7 @@ MODES: dict[str, dict[str, dict[str, Any]]] = {
     },
     "open_cabinet": {"joint_offset": {}, "joint_position": {}},
     "microwave_table": {"joint_offset": {}, "joint_position": {}},
+    "kitchens": {"joint_velocity": {}, "joint_position": {}},
 }
 # Distributions of one's own, with a composer variation, which Python takes.
 DISTRIBUTIONS: dict[str, dict[str, Any]] = {
@@ -137,12 +150,23 @@ DISTRIBUTIONS: dict[str, dict[str, Any]] = {
         "cabinet/drawer_top_friction": {"normal": [2.0, 0.3]},
     },
     "microwave_table": {"microwave/door": {"uniform": [-0.3, 0.0]}, "sensing/action_delay": 1},
+    "kitchens": {"fixtures/damping_scale": {"uniform": [0.5, 2.0]}, "sensing/action_delay": 1},
 }
 EXTRAS = {
     "kitchen": ("franka/end_effector_velocity", "microwave/handle_positions", "franka/base_pose", "kettle/pose"),
     "open_cabinet": ("franka/gripper_width", "cabinet/handle_positions", "cabinet/pose", "franka/end_effector_pose"),
     "microwave_table": ("microwave/pose", "franka/end_effector_velocity", "franka/gripper_width"),
+    "kitchens": ("franka/end_effector_pose", "oven_1/handle_positions", "kettle/pose"),
 }
+
+
+# Other arms in the kitchen, with the packages that have their models.
+ROBOTS = {"panda": "gym_hil", "ur5e": "ogbench"}
+
+
+def groups(domain: str) -> tuple[str, ...]:
+    """Returns the groups of variations of a domain."""
+    return tuple(group for group in GROUPS if group not in MISSING_GROUPS.get(domain, ()))
 
 
 def has(*packages: str) -> bool:
@@ -335,11 +359,11 @@ def dm_env_cases() -> Named:
             if has_experts() and domain in EXPERT_DOMAINS:
                 expert = case(domain, task, "expert", steps=60, episodes=1, **control)
                 yield f"load {domain} {task}, {name}, expert", expert
-        for group, split in itertools.product(GROUPS, SPLITS):
+        for group, split in itertools.product(groups(domain), SPLITS):
             varied = {"variations": group, "variation_split": split, "with_model": True, "episodes": 3, "steps": 4}
             visuals = group in ("appearance", "camera")
             yield f"load {domain} {task}, varied {group} {split}", case(domain, task, visuals=visuals, **varied)
-        everything = {"variations": GROUPS, "episodes": 3, "steps": 4}
+        everything = {"variations": groups(domain), "episodes": 3, "steps": 4}
         yield f"load {domain} {task}, varied all", case(domain, task, **everything)
         own = {"variations": DISTRIBUTIONS[domain], "episodes": 3, "steps": 10}
         yield f"load {domain} {task}, own distributions", case(domain, task, **own)
@@ -347,6 +371,17 @@ def dm_env_cases() -> Named:
         noisy = "expert(speed=0.8, jitter=0.005, action_noise=0.002)"
         yield "load kitchen all, noisy expert to the end", case("kitchen", "all", noisy, steps=280, episodes=1)
         yield "load open_cabinet bottom_drawer, noisy expert", case("open_cabinet", "bottom_drawer", noisy, steps=300)
+    for robot, package in ROBOTS.items():
+        if has(package):
+            arm = {"robot": robot, "control_mode": "ee_delta_pose"}
+            yield f"load kitchen kettle, {robot}", case("kitchen", "kettle", steps=15, with_model=True, **arm)
+            with_visuals = {"visuals": True, "episodes": 1}
+            yield (
+                f"load kitchen kettle, {robot}, with visuals",
+                case("kitchen", "kettle", steps=2, with_model=True, **arm, **with_visuals),
+            )
+            many = functools.partial(play_vectorised, "kitchen", "SameStep", 2, **arm)
+            yield f"vector kitchen, {robot}", many
     yield "load open_cabinet top_drawer, trained grasp", case("open_cabinet", "top_drawer", "trained", reward="grasp")
     turn = {"tasks_in_turn": True, "steps": 150, "episodes": 1}
     yield "load kitchen random_1, trained in turn", case("kitchen", "random_1", "trained", **turn)
@@ -528,6 +563,7 @@ def gymnasium_cases() -> Named:
     limits = {
         "open_cabinet": {"limited": {"action_limit": 0.03}},
         "microwave_table": {"unlimited": {"action_limit": None}},
+        "kitchens": {"instructions of every episode": {"tasks_per_episode": 2}},
     }
     for domain in DOMAINS:
         settings = {**SETTINGS[domain], **(formats if domain == "kitchen" else limits[domain])}
@@ -535,7 +571,7 @@ def gymnasium_cases() -> Named:
         settings |= {f"observation {name}": each for name, each in observations(domain)}
         settings |= dict(modes(domain))
         settings |= {
-            f"varied {group} held_out": {"variations": group, "variation_split": "held_out"} for group in GROUPS
+            f"varied {group} held_out": {"variations": group, "variation_split": "held_out"} for group in groups(domain)
         }
         settings |= {"own distributions": {"variations": DISTRIBUTIONS[domain]}}
         for number, (name, kwargs) in enumerate(settings.items()):
@@ -576,24 +612,26 @@ def observations(domain: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def options_cases() -> Named:
     """Yields cases of the options of `reset`."""
-    groups = ["start", "layout", "dynamics"]
+    varied = ["start", "layout", "dynamics"]
     kitchen_values = {"kettle/mass": 1.0, "kettle/burner": 1}
     single: dict[str, tuple[dict[str, Any], list[Options]]] = {
         "kitchen": (
-            {"variations": groups},
+            {"variations": varied},
             [
                 {"variation": ["dynamics", "microwave/yaw"], "variation_values": kitchen_values},
                 {"variation": []},
                 {"variation_values": {"kettle": {"mass": 1.0}}},
             ],
         ),
-        "open_cabinet": ({"variations": groups}, [{"variation": "layout"}, {"variation_values": {"cabinet/yaw": 0.1}}]),
-        "microwave_table": ({"variations": groups}, [{"variation": ["start"]}]),
+        "open_cabinet": ({"variations": varied}, [{"variation": "layout"}, {"variation_values": {"cabinet/yaw": 0.1}}]),
+        "microwave_table": ({"variations": varied}, [{"variation": ["start"]}]),
+        "kitchens": ({"variations": ["start", "dynamics"]}, [{"variation": ["start"]}]),
     }
     vector = {
         "kitchen": {"kettle/mass": np.array([0.8, 0.9, 1.0, 1.1])},
         "open_cabinet": {"cabinet/yaw": np.array([0.0, 0.05, 0.1, -0.1])},
         "microwave_table": {"microwave/yaw": np.array([-1.6, -1.5, -1.55, -1.7])},
+        "kitchens": {"fixtures/damping_scale": np.array([0.8, 0.9, 1.1, 1.2])},
     }
     for domain, (kwargs, resets) in single.items():
         yield (

@@ -139,7 +139,7 @@ class KitchenExpert(Expert):
             "tasks": task.mdp.goals.tasks,
             "goals": task.goals,
             **task.success_options,
-            "extra_observables": tuple(task.extra_observables),
+            "extra_observables": tuple(task.extras.by_name) if task.extras else (),
             "observes_requests": task.mdp.task_draw is not None,
             "in_order": task.mdp.tasks_in_order,
             "robot": task.robot.specification if isinstance(task.robot, Arm) else FRANKA,

@@ -237,9 +237,9 @@ COMPLETIONS = np.array([[False, True, True, True], [False] * 4, [False, False, T
 )
 def test_the_terms_of_a_reward(name, expected):
     def terms(shares, completions):
-        after = types.SimpleNamespace(shares=shares, completions=completions)
+        step = types.SimpleNamespace(shares=shares, completions=completions)
         with np.errstate(all="raise"):
-            return {term: formula(None, np.zeros(9), after) for term, formula in reward.REWARDS[name].items()}
+            return {term: formula(step) for term, formula in reward.REWARDS[name].items()}
 
     together = terms(SHARES, COMPLETIONS)
     assert tuple(together) == tuple(expected)
@@ -254,8 +254,8 @@ def test_the_terms_of_a_reward(name, expected):
 
 def test_a_task_that_is_completed_has_been_paid_one_in_all():
     # The potential is 0.25 * 0.4 + 0.75 * 0.4 before the step that completes the third task.
-    after = types.SimpleNamespace(shares=alone(SHARES, 0))
-    completion = reward.REWARDS["dense_gain"]["completion"](None, np.zeros(9), after)
+    step = types.SimpleNamespace(shares=alone(SHARES, 0))
+    completion = reward.REWARDS["dense_gain"]["completion"](step)
     assert completion + 0.25 * 0.4 + 0.75 * 0.4 == pytest.approx(1.0)
 
 

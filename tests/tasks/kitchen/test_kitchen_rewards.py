@@ -196,7 +196,7 @@ def test_the_reward_is_part_of_the_policys_name():
 
 
 def test_a_term_of_ones_own_does_not_replace_one_of_the_reward(monkeypatch):
-    monkeypatch.setattr(KitchenTask, "extra_rewards", {"completion": lambda before, action, after: np.zeros(())})
+    monkeypatch.setattr(KitchenTask, "extra_rewards", {"completion": lambda step: np.zeros(())})
     for reward in REWARDS:
         with refused(ValueError, "extra_rewards", "completion"):
             make(["kettle"], reward)

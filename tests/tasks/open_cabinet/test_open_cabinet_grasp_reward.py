@@ -167,10 +167,16 @@ def test_a_batch_and_its_rows_have_equal_rewards():
     values[:, 18:21] = random.normal(scale=0.004, size=(30, 3))
     values[:, 34:36] = random.uniform(-0.3, 0.3, (30, 2))
     batch = Features(values)
-    rewards = REWARDS["grasp"](CabinetConfig(handle_radius=0.006))
+    rewards = REWARDS["grasp"]
     gripper, change, steps = random.choice([0.0, 0.04], 30), random.normal(size=(30, 8)), np.arange(30) * 500
     terms = open_cabinet.reward_terms(
-        rewards, batch, gripper=gripper, action_change=change, total_steps=steps, terminated=terminates(batch)
+        rewards,
+        batch,
+        gripper=gripper,
+        action_change=change,
+        total_steps=steps,
+        terminated=terminates(batch),
+        handle_radius=0.006,
     )
     assert len(set(terms["opening"])) > 20
     for i in range(30):
@@ -182,6 +188,7 @@ def test_a_batch_and_its_rows_have_equal_rewards():
             action_change=change[i],
             total_steps=int(steps[i]),
             terminated=terminates(row),
+            handle_radius=0.006,
         )
         for name, term in single.items():
             assert term.shape == ()

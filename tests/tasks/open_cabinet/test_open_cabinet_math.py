@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from helpers.open_cabinet import reward_terms
 
-from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.tasks.control_modes import joints as actions
 from kitchen_suite.tasks.open_cabinet import observation, reward
 from kitchen_suite.tasks.open_cabinet.features import Features
@@ -44,7 +43,7 @@ def test_a_batch_and_its_rows_have_equal_observations_and_rewards():
     random = np.random.default_rng(1)
     gripper, change, steps = random.choice([0.0, 0.04], 50), random.normal(size=(50, 8)), random.integers(0, 16_000, 50)
     terminated = reward.terminates(batch)
-    rewards = reward.REWARDS["original"](CabinetConfig())
+    rewards = reward.REWARDS["original"]
     terms = reward_terms(
         rewards, batch, gripper=gripper, action_change=change, total_steps=steps, terminated=terminated
     )

@@ -1,9 +1,8 @@
 """The formulas of the open_cabinet rewards by numbers computed by hand, for one row of features and for many."""
 
-import types
-
 import numpy as np
 import pytest
+from helpers.open_cabinet import step_of
 
 from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.tasks.open_cabinet import reward
@@ -238,11 +237,12 @@ def test_two_terms_of_a_step_share_the_grip():
 
 def step(rows, *, change, steps, gripper=0.01, terminates=False):
     """Returns the terms of each reward for a step from an action `change` away from the last one."""
-    before = types.SimpleNamespace(previous_action=np.ones(8), total_steps=steps)
-    after = types.SimpleNamespace(view=rows, gripper=gripper, terminates=np.bool_(terminates))
+    made = step_of(
+        rows, gripper=gripper, action_change=1.0 + change, total_steps=steps, terminated=np.bool_(terminates)
+    )
+    made.before.previous_action = np.ones(8)
     return {
-        name: {term: float(formula(before, 1.0 + change, after)) for term, formula in made(CONFIG).items()}
-        for name, made in reward.REWARDS.items()
+        name: {term: float(formula(made)) for term, formula in terms.items()} for name, terms in reward.REWARDS.items()
     }
 
 
@@ -283,8 +283,7 @@ def test_the_terms_of_both_rewards_are_their_formulas():
 
 
 def test_actions_at_opposite_ends_of_the_float_range_cost_without_a_warning():
-    before = types.SimpleNamespace(previous_action=np.full(8, -1.7e308), total_steps=0)
-    after = types.SimpleNamespace(view=features(()))
-    effort = reward.REWARDS["original"](CONFIG)["effort"]
+    made = step_of(features(()), gripper=0.0, action_change=np.full(8, 1.7e308), total_steps=0, terminated=False)
+    made.before.previous_action = np.full(8, -1.7e308)
     with np.errstate(over="raise"):
-        assert np.isfinite(effort(before, np.full(8, 1.7e308), after))
+        assert np.isfinite(reward.REWARDS["original"]["effort"](made))

@@ -1,0 +1,66 @@
+"""An object of one's own: a mug on the counter, which is observed, rewarded and filmed. Run: python mug.py."""
+
+import gymnasium
+import numpy as np
+from dm_control.composer.variation import distributions, noises
+from dm_control.entities.props.primitive import Primitive
+
+from kitchen_suite import suite
+from kitchen_suite.entities import build_kitchen_scene
+from kitchen_suite.tasks import KitchenTask, Observation
+
+PLACE = (-0.65, -0.35, 1.651)  # Of the mug on the counter, on the robot's left [m].
+
+
+def position(simulation, state):
+    """Returns the mug's position in the world [m], for one episode or for many."""
+    return simulation.named("xpos", "mug/")
+
+
+def lifted(step):
+    """A reward of 1 for each metre that the mug is above its place."""
+    return step.observations["mug_position"][..., 2] - PLACE[2]
+
+
+def dropped(step):
+    """Ends the episode once the mug has fallen off the counter."""
+    return step.observations["mug_position"][..., 2] < 1.4
+
+
+class MugTask(KitchenTask):
+    """The tasks of the kitchen with a mug of 0.3 kg on the counter, whose position is observed with noise."""
+
+    extra_observations = {
+        "mug_position": Observation(position, noise=noises.Additive(distributions.Uniform(-0.005, 0.005)))
+    }
+    extra_rewards = {"lifted": lifted}
+    extra_terminations = {"dropped": dropped}
+
+    def __init__(self, scene, **options):
+        mug = Primitive(geom_type="cylinder", size=(0.035, 0.05), mass=0.3, rgba=(0.8, 0.2, 0.2, 1), name="mug")
+        scene.attach(mug, pos=PLACE, free=True)
+        scene.arena.mjcf_model.worldbody.add("camera", name="mug", pos=(-0.5, -0.9, 2.3), xyaxes=(1, 0, 0, 0, 0.6, 0.8))
+        super().__init__(scene, **options)
+
+
+MUG_KITCHEN = suite.Domain(
+    "mug_kitchen",
+    scene=build_kitchen_scene,
+    task=MugTask,
+    tasks={"kettle": {"tasks_to_complete": ["kettle"]}},
+    env_id="Mine/MugKitchen-v1",
+    episode_steps=280,
+)
+
+if __name__ == "__main__":
+    suite.register(MUG_KITCHEN)
+    environment = suite.load("mug_kitchen", "kettle", {"random": 0})
+    timestep = environment.reset()
+    print("mass [kg]:", environment.physics.named.model.body_mass["mug/"])
+    print("position with noise [m]:", timestep.observation["mug_position"])
+    env = gymnasium.make("Mine/MugKitchen-v1")
+    env.reset(seed=0)
+    print("single:", env.step(np.zeros(9))[1])
+    envs = gymnasium.make_vec("Mine/MugKitchen-v1", num_envs=4)
+    envs.reset(seed=0)
+    print("vectorised:", envs.step(np.zeros((4, 9)))[1])

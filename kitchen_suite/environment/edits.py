@@ -1,0 +1,84 @@
+"""Edits that a user makes of an environment's MJCF or compiled model, found by comparison."""
+
+import operator
+from typing import Any
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+from mujoco.batch import MODEL_FIELDS
+
+# Fields that a simulation may have for itself, but for the addresses of names.
+_FIELDS = tuple(sorted(name for name in MODEL_FIELDS if not name.startswith("name")))
+_OPTION = "opt."
+
+
+class MjcfSnapshot:
+    """The values of all attributes in a tree of MJCF elements, with which the present ones are compared.
+
+    MJCF elements do not tell whether they have changed, and writing the tree as XML takes a hundred times as long.
+    """
+
+    def __init__(self, root: mjcf.RootElement) -> None:
+        """Stores the values in a model and everything that is attached to it."""
+        self._elements = _descendants(root)
+        self._attributes = [each for element in self._elements for each in element._attributes.values()]  # noqa: SLF001
+        # The root has a fixed set of children.
+        self._children = [element._children for element in self._elements if element.tag != "mujoco"]  # noqa: SLF001
+        self._values = self._present_values()
+        self._arrays = [value for value in self._values if isinstance(value, np.ndarray)]
+        self._contents = self._present_contents()
+
+    def is_outdated(self) -> bool:
+        """Whether an attribute has been set, or an element added or removed, since the snapshot."""
+        try:
+            # Values that are the same object are equal; arrays that are not have no truth value.
+            return self._present_values() != self._values or self._present_contents() != self._contents
+        except ValueError:
+            return True
+
+    def _present_values(self) -> list[Any]:
+        return [*map(operator.attrgetter("_value"), self._attributes)]
+
+    def _present_contents(self) -> tuple[list[bytes], list[int]]:
+        """Returns what can change while all values stay the same objects."""
+        return [array.tobytes() for array in self._arrays], [*map(len, self._children)]
+
+
+def _descendants(element: mjcf.Element) -> list[mjcf.Element]:
+    return [element, *(each for child in element.all_children() for each in _descendants(child))]
+
+
+def read_field(model: mujoco.MjModel, name: str) -> Any:
+    """Returns a copy of a field of a model, such as `geom_friction` or `opt.gravity`."""
+    if name.startswith(_OPTION):
+        return np.array(getattr(model.opt, name.removeprefix(_OPTION)))
+    return np.array(getattr(model, name))
+
+
+def write_field(model: mujoco.MjModel, name: str, value: Any) -> None:
+    """Sets a field that `read_field` read."""
+    if not name.startswith(_OPTION):
+        getattr(model, name)[:] = value
+    elif np.ndim(value):
+        getattr(model.opt, name.removeprefix(_OPTION))[:] = value
+    else:
+        setattr(model.opt, name.removeprefix(_OPTION), np.asarray(value).item())
+
+
+class ModelSnapshot:
+    """The fields of a compiled model, with which the present ones are compared."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Stores the fields of a model."""
+        self._model = model
+        self._values = {name: read_field(model, name) for name in _FIELDS}
+
+    def changed(self) -> list[str]:
+        """Returns the names of the fields that have changed since the snapshot."""
+        present = ((name, read_field(self._model, name)) for name in _FIELDS)
+        return [name for name, value in present if value.tobytes() != self._values[name].tobytes()]
+
+    def update(self) -> None:
+        """Takes the present fields as the snapshot."""
+        self._values = {name: read_field(self._model, name) for name in _FIELDS}

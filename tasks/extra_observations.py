@@ -1,0 +1,129 @@
+"""Observations that a user's task adds: what they read, their noise, and their values in episodes."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from dm_control.composer.observation import observable
+from numpy.typing import ArrayLike
+
+from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
+from kitchen_suite.tasks.mdp import Simulation
+
+
+@dataclasses.dataclass(frozen=True)
+class Observation:
+    """A quantity that is measured after every control step; a value of `SuiteTask.extra_observations`.
+
+    Attributes:
+      read: returns it, `(..., k)`, given the simulation and the MDP's state after the step. The axes `(...)` are those
+        of the state's arrays: none for one episode, one for many. It must compute each episode from that alone.
+      noise: a corruptor as dm_control has them, which is called with the value `(k,)` of one episode and its
+        `random_state`, once a step and once a reset, such as `noises.Additive(distributions.Uniform(-0.01, 0.01))` of
+        `dm_control.composer.variation`; None for no noise. Terms of the reward get the value without noise.
+      enabled: whether agents observe it; terms of the reward get it in any case.
+    """
+
+    read: Callable[[Simulation, Any], ArrayLike]
+    noise: Callable[..., ArrayLike] | None = None
+    enabled: bool = True
+
+    def __post_init__(self) -> None:
+        """Raises a TypeError for an attribute of the wrong type."""
+        if not callable(self.read):
+            raise TypeError(f"read must be a function of a simulation and a state, got {checks.shown(self.read)}")
+        if not (self.noise is None or callable(self.noise)):
+            raise TypeError(f"noise must be a corruptor or None, got {checks.shown(self.noise)}")
+        checks.boolean(self.enabled, "enabled")
+
+
+class Measured(NamedTuple):
+    """Values of the observations in episodes, `(..., k)` by name.
+
+    Attributes:
+      values: without noise, also of observations that are not enabled.
+      noisy: with noise, those that have any.
+    """
+
+    values: dict[str, Array]
+    noisy: dict[str, Array]
+
+
+class ExtraObservations:
+    """The observations that a task adds, in their order.
+
+    Attributes:
+      by_name: the observations.
+      enabled: names of those that agents observe.
+    """
+
+    def __init__(self, observations: Mapping[str, Observation], owner: str) -> None:
+        """Checks the observations; `owner` is the name of the class that has them, for messages.
+
+        Raises a TypeError or a ValueError that names what is wrong.
+        """
+        if not isinstance(observations, Mapping):
+            raise TypeError(f"extra_observations of {owner} must be a dict, got {checks.shown(observations)}")
+        for name, observation in observations.items():
+            if not isinstance(name, str) or not name or name.startswith("/") or name.endswith("/"):
+                raise ValueError(f"extra_observations of {owner} must have names as keys, got {checks.shown(name)}")
+            if not isinstance(observation, Observation):
+                kind = "must be a kitchen_suite.tasks.Observation"
+                raise TypeError(f"extra_observations[{name!r}] of {owner} {kind}, got {checks.shown(observation)}")
+        self.by_name = dict(observations)
+        self.enabled = tuple(name for name, observation in self.by_name.items() if observation.enabled)
+        self._noisy = tuple(name for name, observation in self.by_name.items() if observation.noise)
+
+    def observables(self, measured: Callable[[], Measured]) -> dict[str, observable.Observable]:
+        """Returns an enabled composer observable for each that agents observe, given what reads their values."""
+
+        def shown(name: str) -> observable.Observable:
+            part = observable.Generic(lambda physics: self.shown(measured(), name))
+            part.enabled = True
+            return part
+
+        return {name: shown(name) for name in self.enabled}
+
+    def measure(self, simulation: Simulation, state: Any, axes: tuple[int, ...]) -> dict[str, Array]:
+        """Returns the values `(*axes, k)` after a step, or at a reset, by name.
+
+        Raises a ValueError if a value has another shape.
+        """
+        values = {}
+        for name, observation in self.by_name.items():
+            value = np.asarray(observation.read(simulation, state), np.float64)
+            if value.shape[:-1] != axes or value.ndim != len(axes) + 1:
+                raise ValueError(
+                    f"extra_observations[{name!r}] must have the shape {(*axes, 'k')} where the arrays of the state "
+                    f"have the axes {axes}, got {value.shape}: reduce and concatenate along the last axis alone"
+                )
+            # A view would change with the physics.
+            values[name] = value.copy()
+        return values
+
+    def corrupt(self, values: Mapping[str, Array], random_state: np.random.RandomState) -> dict[str, Array]:
+        """Returns the values of one episode `(k,)` with noise, of those that have any, by name."""
+        noisy = {}
+        for name in self._noisy:
+            noise, value = self.by_name[name].noise, values[name]
+            assert noise is not None
+            noisy[name] = np.asarray(noise(value.copy(), random_state=random_state), np.float64)
+            if noisy[name].shape != value.shape:
+                raise ValueError(
+                    f"noise of extra_observations[{name!r}] must keep the shape {value.shape}, got {noisy[name].shape}"
+                )
+        return noisy
+
+    def uncorrupted(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Returns arrays for values with noise, of those that have any, which hold none yet."""
+        return {name: values[name].copy() for name in self._noisy}
+
+    def shown(self, measured: Measured, name: str) -> Array:
+        """Returns what agents observe under a name, `(..., k)`."""
+        return measured.noisy.get(name, measured.values[name])
+
+    def flat(self, measured: Measured) -> list[Array]:
+        """Returns what agents observe, in order."""
+        return [self.shown(measured, name) for name in self.enabled]

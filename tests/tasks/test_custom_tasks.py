@@ -1,0 +1,434 @@
+"""What a user's task adds acts alike in dm_env, single and vectorised environments of every domain, or is refused."""
+
+import contextlib
+import copy
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+from dm_control import composer, mjcf
+from dm_control.composer.variation import distributions, noises
+from dm_control.entities.props.primitive import Primitive
+from helpers.errors import refused
+
+from kitchen_suite import entities, suite, tasks
+from kitchen_suite.gymnasium_env.base import SuiteEnv
+from kitchen_suite.tasks import Observation
+from kitchen_suite.vector_env.base import SuiteVectorEnv
+
+# By domain: what builds the scene, the task, and a free place for a mug [m].
+DOMAINS = {
+    "kitchen": (entities.build_kitchen_scene, tasks.KitchenTask, (-0.65, -0.35, 1.66)),
+    "kitchens": (entities.build_generated_kitchen, tasks.KitchensTask, (0.3, 0.4, 1.9)),
+    "microwave_table": (entities.build_microwave_table_scene, tasks.MicrowaveTableTask, (0.4, 0.3, 0.9)),
+    "open_cabinet": (entities.build_open_cabinet_scene, tasks.OpenCabinetTask, (0.4, 0.3, 0.4)),
+}
+BASES = [task for _, task, _ in DOMAINS.values()]
+MASS = 0.3  # [kg]
+
+
+def mug(name="mug", **attributes):
+    return Primitive(geom_type="cylinder", size=(0.04, 0.05), mass=MASS, name=name, **attributes)
+
+
+def position(simulation, state):
+    return simulation.named("xpos", "mug/")
+
+
+def touch(simulation, state):
+    """The force on the mug [N], which MuJoCo measures in the last physics step."""
+    return simulation.named("sensordata", "mug/touch")
+
+
+def fallen(step):
+    return step.previous_observations["mug_position"][..., 2] - step.observations["mug_position"][..., 2]
+
+
+def height(step):
+    return step.observations["hidden_height"][..., 0]
+
+
+def mug_task(domain, **attributes):
+    """A class of a domain's task with a mug that is observed, rewarded, and ends the episode."""
+    _, base, place = DOMAINS[domain]
+
+    class MugTask(base):
+        extra_observations = {
+            "mug_position": Observation(position, noise=noises.Additive(distributions.Uniform(-0.01, 0.01))),
+            "mug_touch": Observation(touch),
+            "hidden_height": Observation(lambda simulation, state: position(simulation, state)[..., 2:], enabled=False),
+        }
+        extra_rewards = {"fallen": fallen, "height": height}
+        extra_terminations = {"below": lambda step: height(step) < place[2] - 0.05}
+
+        def __init__(self, scene, **options):
+            entity = mug()
+            site = entity.mjcf_model.worldbody.add("site", name="touch", type="sphere", size=(0.1,))
+            entity.mjcf_model.sensor.add("touch", name="touch", site=site)
+            scene.attach(entity, pos=(place[0], place[1], place[2] + 0.02), free=True)
+            super().__init__(scene, **options)
+
+    return type("MugTask", (MugTask,), attributes)
+
+
+@contextlib.contextmanager
+def registered(domain, task):
+    """A registered domain with a task in the scene of one of the suite's domains."""
+    name = f"custom_{domain}"
+    record = suite.Domain(
+        name,
+        scene=DOMAINS[domain][0],
+        task=task,
+        tasks={"one": {}},
+        env_id=f"Custom/{domain.title().replace('_', '')}-v1",
+        episode_steps=60,
+    )
+    suite.register(record)
+    try:
+        yield record
+    finally:
+        del suite._domains[name]
+        for env_id in {record.env_id, *record.task_ids.values()}:
+            del gymnasium.registry[env_id]
+
+
+def numbers(observation):
+    return observation["observation"] if isinstance(observation, dict) else observation
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_an_object_with_its_observations_rewards_and_termination_acts_in_all_front_ends(domain):
+    with registered(domain, mug_task(domain)) as record:
+        env = gymnasium.make(record.env_id)
+        envs = gymnasium.make_vec(record.env_id, 3)
+        inner = env.unwrapped
+        generator = gymnasium.utils.seeding.np_random(1)[0]
+        environment = suite.load(record.name, "one", {"time_limit": None, "visuals": False})
+        environment.random_state = np.random.RandomState(generator.bit_generator)
+        observation, info = env.reset(seed=1)
+        many, _ = envs.reset(seed=0)
+        timestep = environment.reset()
+        mass = inner.environment.physics.named.model.body_mass["mug/"]
+        assert mass == pytest.approx(MASS)
+        np.testing.assert_array_equal(numbers(many)[1], numbers(observation))
+        assert not info["termination/below"]
+        rng, ends, touched = np.random.default_rng(0), 0, 0.0
+        size = inner.composer_task.policy_inputs.state_size
+        assert inner.composer_task.extra_slices["mug_touch"].stop == inner.composer_task.extra_size == 4
+        for _ in range(60):
+            action = rng.normal(size=env.action_space.shape).clip(-1, 1).astype(np.float32)
+            observation, reward, terminated, _, info = env.step(action)
+            many, rewards, terminations, _, infos = envs.step(np.stack([action] * 3))
+            timestep = environment.step(inner.clip_actions(action.astype(np.float64)))
+            flat = numbers(observation)
+            assert flat.shape == (size,)
+            np.testing.assert_array_equal(numbers(many)[1], flat)
+            parts = np.concatenate([timestep.observation["mug_position"], timestep.observation["mug_touch"]])
+            np.testing.assert_array_equal(parts.astype(flat.dtype), flat[-4:])
+            assert "hidden_height" not in timestep.observation
+            assert reward == rewards[1] == timestep.reward
+            assert terminated == terminations[1] == (timestep.discount == 0.0)
+            assert info["termination/below"] == infos["termination/below"][1]
+            assert info["reward/fallen"] == infos["reward/fallen"][1]
+            true = inner.environment.physics.named.data.xpos["mug/"]
+            assert 0.0 < np.abs(flat[-4:-1] - true).max() <= 0.01 + 1e-6
+            touched = max(touched, flat[-1])
+            if terminated:
+                ends += 1
+                assert info["termination/below"] or domain != "kitchen"
+                break
+        # It falls by gravity, onto furniture or the floor, where it is felt or ends the episode.
+        assert touched > 0.0 or ends == 1
+        envs.close()
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_a_copy_continues_with_the_noise_of_the_last_observation(domain):
+    with registered(domain, mug_task(domain, extra_terminations={})) as record:
+        env = gymnasium.make(record.env_id).unwrapped
+        env.reset(seed=3)
+        rng = np.random.default_rng(0)
+        for _ in range(3):
+            env.step(rng.normal(size=env.action_space.shape).clip(-1, 1))
+        for other in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+            again = other.set_state(env.get_state())
+            np.testing.assert_array_equal(numbers(again), numbers(env.observations(*env._parts())))
+        actions = rng.normal(size=(4, *env.action_space.shape)).clip(-1, 1)
+        expected = [env.step(action) for action in actions]
+        for action, (observation, reward, *_) in zip(actions, expected, strict=True):
+            found = other.step(action)
+            np.testing.assert_array_equal(numbers(found[0]), numbers(observation))
+            assert found[1] == reward
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize("group", range(6))
+def test_anything_attached_has_the_mass_that_it_has_alone(domain, group):
+    build, _, place = DOMAINS[domain]
+    alone = Primitive(geom_type="box", size=(0.02, 0.03, 0.04), name="box", group=group)
+    box = Primitive(geom_type="box", size=(0.02, 0.03, 0.04), name="box", group=group)
+    scene = build(visuals=False)
+    scene.attach(box, pos=place, free=True)
+    arena = composer.Arena()
+    arena.add_free_entity(alone)
+    expected, found = (mjcf.Physics.from_mjcf_model(root) for root in (arena.mjcf_model, scene.arena.mjcf_model))
+    assert found.named.model.body_mass["box/"] == expected.named.model.body_mass["box/"] > 0.0
+    np.testing.assert_array_equal(found.named.model.body_inertia["box/"], expected.named.model.body_inertia["box/"])
+
+
+def test_entities_of_one_name_and_other_objects_are_refused():
+    scene = entities.build_kitchen_scene(visuals=False)
+    scene.attach(mug())
+    for name in ("mug", "kettle", "franka"):
+        with refused(ValueError, f"an entity '{name}' already"):
+            scene.attach(mug(name))
+    with refused(TypeError, "composer.Entity"):
+        scene.attach("mug")
+    with refused(ValueError, "pos", "(3,)"):
+        scene.attach(mug("other"), pos=(0.0, 1.0))
+    assert list(scene.attached) == ["mug"]
+
+
+def test_the_pose_of_an_attached_entity_is_an_extra_observable():
+    class Task(tasks.KitchenTask):
+        def __init__(self, scene, **options):
+            scene.attach(mug(), pos=(-0.65, -0.35, 1.66), free=True)
+            super().__init__(scene, **options)
+
+    env = SuiteEnvOf("kitchen", Task)(extra_observables=("mug/pose",))
+    observation, _ = env.reset(seed=0)
+    np.testing.assert_allclose(numbers(observation)[59:62], (-0.65, -0.35, 1.66), atol=0.02)
+
+
+def SuiteEnvOf(domain, task):  # noqa: N802
+    """The single environment of a task that is not registered."""
+    base = gymnasium.envs.registration.load_env_creator(suite.DOMAINS[domain].env)
+
+    class Env(base):
+        pass
+
+    return lambda **arguments: Env(domain=_temporary(domain, task), **arguments)
+
+
+def _temporary(domain, task):
+    name = f"temporary_{len(suite.DOMAINS)}"
+    suite._domains[name] = suite.Domain(
+        name, scene=DOMAINS[domain][0], task=task, tasks={"one": {}}, env_id=f"Custom/{name}-v1", episode_steps=9
+    )
+    return name
+
+
+@pytest.fixture(autouse=True)
+def _no_temporary_domains():
+    yield
+    for name in [name for name in suite.DOMAINS if name.startswith("temporary_")]:
+        del suite._domains[name]
+
+
+# Hooks
+
+
+HOOKS = (
+    *("get_reward", "get_discount", "should_terminate_episode", "before_step", "after_step", "before_substep"),
+    *("after_substep", "action_spec", "task_observables", "observables", "initialize_episode_mjcf"),
+)
+
+
+@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize("hook", HOOKS)
+def test_a_hook_that_would_act_in_composer_alone_is_refused_when_the_class_is_made(base, hook):
+    with refused(TypeError, "Mine", hook, "vectorised"):
+        type("Mine", (base,), {hook: lambda self, *arguments: 0.0})
+    # Inherited from a mixin as well.
+    mixin = type("Mixin", (), {hook: lambda self, *arguments: 0.0})
+    with refused(TypeError, "Mine", hook):
+        type("Mine", (mixin, base), {})
+
+
+class HookedProp(Primitive):
+    def after_step(self, physics, random_state):
+        self.steps = getattr(self, "steps", 0) + 1
+
+
+class ObservedProp(Primitive):
+    def _build_observables(self):
+        observables = super()._build_observables()
+        observables.get_observable("position").enabled = True
+        return observables
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize(("prop", "word"), [(HookedProp, "after_step"), (ObservedProp, "position")])
+def test_entities_that_a_batch_would_ignore_are_refused_in_vectors_and_at_registration(domain, prop, word):
+    _, base, place = DOMAINS[domain]
+
+    class Task(base):
+        def __init__(self, scene, **options):
+            scene.attach(prop(geom_type="sphere", size=(0.02,), name="ball"), pos=place)
+            super().__init__(scene, **options)
+
+    with refused(ValueError, "ball", word), registered(domain, Task):
+        pass
+    assert not [name for name in suite.DOMAINS if name.startswith("custom_")]
+
+
+# Bad input
+
+
+@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize(
+    ("observations", "error", "words"),
+    [
+        ({"a": lambda simulation, state: 0.0}, TypeError, "Observation"),
+        ({"a/": Observation(position)}, ValueError, "names as keys"),
+        ({"a": Observation(lambda simulation, state: np.zeros(()))}, ValueError, "shape"),
+        ({"a": Observation(lambda simulation, state: np.zeros((2, 3)))}, ValueError, "shape"),
+        ({"a": Observation(lambda simulation, state: simulation.named("xpos", "no"))}, ValueError, "'no'"),
+        ({"a": Observation(lambda simulation, state: simulation.named("no", "x"))}, ValueError, "field"),
+        ([], TypeError, "dict"),
+    ],
+)
+def test_observations_that_cannot_be_are_refused(base, observations, error, words):
+    build = next(build for build, task, _ in DOMAINS.values() if task is base)
+    task = type("Mine", (base,), {"extra_observations": observations})
+    domain = suite.Domain("mine", scene=build, task=task, tasks={"one": {}}, env_id="Mine/A-v1", episode_steps=9)
+    with pytest.raises(error, match=words):
+        domain.load(visuals=False).reset()
+
+
+@pytest.mark.parametrize(("domain", "taken"), [("kitchen", "object_positions"), ("open_cabinet", "drawer_position")])
+def test_observations_must_not_take_the_names_of_the_tasks_own(domain, taken):
+    build, base, _ = DOMAINS[domain]
+    task = type("Mine", (base,), {"extra_observations": {taken: Observation(lambda simulation, state: [0.0])}})
+    with refused(ValueError, "other names", taken):
+        task(build(visuals=False))
+
+
+def test_attributes_of_an_observation_are_checked():
+    with refused(TypeError, "read"):
+        Observation(3)
+    with refused(TypeError, "noise"):
+        Observation(position, noise=0.1)
+
+
+# Edits
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_an_edit_of_the_mjcf_acts_at_the_next_reset_of_single_environments(domain):
+    environment = suite.load(domain, suite.default_task(domain), {"random": 0, "visuals": False})
+    environment.reset()
+    physics = environment.physics
+    environment.reset()
+    assert environment.physics.model.ptr is physics.model.ptr
+    environment.task.root_entity.mjcf_model.option.gravity = (0.0, 0.0, -1.0)
+    environment.reset()
+    assert environment.physics.model.opt.gravity[2] == -1.0
+    environment.task.root_entity.mjcf_model.option.gravity[2] = -2.0
+    environment.reset()
+    assert environment.physics.model.opt.gravity[2] == -2.0
+    world = environment.task.root_entity.mjcf_model.worldbody
+    world.add("geom", type="sphere", size=(0.01,), pos=(0, 0, 9), name="new")
+    timestep = environment.reset()
+    assert environment.physics.named.model.geom_size["new"][0] == 0.01
+    assert environment.step(np.zeros(environment.action_spec().shape)).observation.keys() == timestep.observation.keys()
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_an_edit_of_the_mjcf_is_refused_by_vectors(domain):
+    envs = gymnasium.make_vec(suite.DOMAINS[domain].env_id, 2, num_threads=1).unwrapped
+    envs.reset(seed=0)
+    envs.template_env.environment.task.root_entity.mjcf_model.option.gravity = (0.0, 0.0, -1.0)
+    with pytest.raises(RuntimeError, match="MJCF of the scene has been edited"):
+        envs.reset()
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize("edit", ["opt.gravity", "geom_friction", "body_mass"])
+@pytest.mark.parametrize("when", ["before the first reset", "between episodes"])
+def test_an_edit_of_the_compiled_model_acts_in_single_and_vectorised_environments(domain, edit, when):
+    def change(environment):
+        model = environment.physics.model
+        if edit == "opt.gravity":
+            model.opt.gravity[:] = (1.0, 0.5, -3.0)
+        else:
+            getattr(model, edit)[:] *= 0.5
+
+    env_id = suite.DOMAINS[domain].env_id
+    env, envs = gymnasium.make(env_id), gymnasium.make_vec(env_id, 2, num_threads=1)
+    plain = gymnasium.make(env_id)
+    single, template = env.unwrapped.environment, envs.unwrapped.template_env.environment
+    if when == "between episodes":
+        env.reset(seed=5)
+        envs.reset(seed=5)
+    change(single)
+    change(template)
+    observation, _ = env.reset(seed=1)
+    many, _ = envs.reset(seed=0)
+    plain.reset(seed=1)
+    np.testing.assert_array_equal(numbers(many)[1], numbers(observation))
+    for _ in range(12):
+        action = np.full(env.action_space.shape, 0.3, np.float32)
+        observation, many, other = env.step(action)[0], envs.step(np.stack([action] * 2))[0], plain.step(action)[0]
+        np.testing.assert_array_equal(numbers(many)[1], numbers(observation))
+    if edit != "geom_friction":
+        assert not np.array_equal(numbers(other), numbers(observation))
+
+
+def heavier(field):
+    class Task(tasks.KitchenTask):
+        """The kettle's mass, or gravity, is drawn at each reset, in a task's own way."""
+
+        def reset_physics(self, physics, random_state):
+            super().reset_physics(physics, random_state)
+            if field == "opt.gravity":
+                physics.model.opt.gravity[2] = random_state.uniform(-12.0, -6.0)
+            else:
+                physics.named.model.body_mass["kettle/kettle"] = random_state.uniform(0.5, 2.0)
+
+    return Task
+
+
+@pytest.mark.parametrize("field", ["opt.gravity", "body_mass"])
+def test_what_a_tasks_reset_writes_into_the_model_differs_from_environment_to_environment(field):
+    with registered("kitchen", heavier(field)) as record:
+        envs = gymnasium.make_vec(record.env_id, 3, num_threads=2)
+        singles = [gymnasium.make(record.env_id) for _ in range(3)]
+        many, _ = envs.reset(seed=4)
+        ones = [env.reset(seed=4 + i)[0] for i, env in enumerate(singles)]
+        for _ in range(2):
+            for i, one in enumerate(ones):
+                np.testing.assert_array_equal(numbers(many)[i], numbers(one))
+            action = np.full(9, -0.5)
+            for _ in range(8):
+                many, ones = envs.step(np.stack([action] * 3))[0], [env.step(action)[0] for env in singles]
+            for i, one in enumerate(ones):
+                np.testing.assert_array_equal(numbers(many)[i], numbers(one))
+            many, ones = envs.reset()[0], [env.reset()[0] for env in singles]
+
+
+def test_a_reset_that_writes_into_the_model_only_sometimes_is_an_error():
+    class Task(tasks.KitchenTask):
+        resets = 0
+
+        def reset_physics(self, physics, random_state):
+            super().reset_physics(physics, random_state)
+            self.resets += 1
+            if self.resets > 3:
+                physics.model.geom_friction[:, 0] = 0.1
+
+    name = _temporary("kitchen", Task)
+    envs = SuiteVectorEnv(1, domain=name)
+    envs.reset(seed=0)
+    envs.reset()
+    with pytest.raises(RuntimeError, match="geom_friction"):
+        envs.reset()
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_resets_of_the_suites_own_tasks_write_nothing_into_the_model(domain):
+    """Otherwise every simulation would have fields of its own, for nothing."""
+    envs = gymnasium.make_vec(suite.DOMAINS[domain].env_id, 2, num_threads=1).unwrapped
+    assert envs._episodes._model_fields == {}
+    assert isinstance(envs.template_env, SuiteEnv)
