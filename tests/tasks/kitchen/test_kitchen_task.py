@@ -248,7 +248,7 @@ def test_completions_over_batches():
     progress, rewards = Progress.initial((6, 3)), np.zeros(6)
     for t in range(50):
         progress = progress.update(within[:, t], remove_task_when_completed=True)
-        rewards += completions(None, np.zeros(0), progress)
+        rewards += completions(progress)
         assert not (progress.completions & progress.remaining).any()
     first = np.where(within.any(axis=1), within.argmax(axis=1) + 1, -1)
     np.testing.assert_array_equal(progress.completion_steps, first)

@@ -36,8 +36,10 @@ def play(doors):
     shape = np.shape(doors[0])
     states = [MDP.initial_state(reading(shape, doors[0]), np.zeros((*shape, 0)))]
     for door in doors[1:]:
-        after = {"action": np.zeros((*shape, 8)), "target": np.zeros((*shape, 9)), "draws": np.zeros((*shape, 0))}
-        states.append(MDP.step(state=states[-1], reading=reading(shape, door), **after))
+        acting = {"action": np.zeros((*shape, 8)), "target": np.zeros((*shape, 9))}
+        after = MDP.next_state(states[-1], **acting, reading=reading(shape, door), draws=np.zeros((*shape, 0)))
+        step = MDP.transition(states[-1], *acting.values(), after)
+        states.append(after._replace(terms=MDP.reward_terms(step)))
     return states
 
 
@@ -122,7 +124,8 @@ def test_reward_terms_by_hand():
     observation[1, PARTS["handle_offset"]] = 0.06, 0.0, 0.08
     observation[:, PARTS["door_position"]] = [[-0.15], [0.3], [-2.0]]
     state = MicrowaveTableState(observation, {}, np.zeros(3, bool), np.zeros(3, bool))
-    terms = {name: term(state, np.zeros(8), state) for name, term in REWARDS.items()}
+    step = MDP.transition(state, np.zeros(8), np.zeros(9), state)
+    terms = {name: term(step) for name, term in REWARDS.items()}
     assert tuple(terms) == ("approach", "opening")
     np.testing.assert_allclose(terms["approach"], [1.0, 1.0 - np.tanh(1.0), 1.0])
     np.testing.assert_allclose(terms["opening"], [1.0, 0.0, 5.0])

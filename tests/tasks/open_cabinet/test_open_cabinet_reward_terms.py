@@ -230,11 +230,6 @@ def test_opening_pays_as_far_as_the_bar_is_held_and_closing_costs_in_full():
     np.testing.assert_allclose(reward.grasp_opening(rows, pull), [13.0, 6.5, 2.0, 0.0, 25.0, 0.0], rtol=1e-12)
 
 
-def test_two_terms_of_a_step_share_the_grip():
-    rows = features(())
-    assert reward.grip(rows, RADIUS) is reward.grip(rows, RADIUS)
-
-
 def step(rows, *, change, steps, gripper=0.01, terminates=False):
     """Returns the terms of each reward for a step from an action `change` away from the last one."""
     made = step_of(
