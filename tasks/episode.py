@@ -201,7 +201,7 @@ class Stepper:
             name: np.broadcast_to(np.asarray(termination(step), bool), action.shape[:-1]).copy()
             for name, termination in self.terminations.items()
         }
-        after = after._replace(terms=mdp.reward_terms(step))
+        after = mdp.rewarded(step)
         return EpisodeState(after, state.command, state.sensing, state.push, state.variation, measured, terminations)
 
     def terminates(self, state: EpisodeState) -> NDArray[np.bool_]:

@@ -452,6 +452,15 @@ class MDP(abc.ABC, Generic[Reading, State]):
     def observation(self, simulation: Simulation, state: State) -> NDArray:
         """Returns the flat observation `(..., m)` without goals, with its noise."""
 
+    def step(self, state: State, *, action: Array, target: Array, reading: Reading, draws: Array) -> State:
+        """Returns the state after one more control step without extra observations; arguments as of `next_state`."""
+        after = self.next_state(state, action=action, target=target, reading=reading, draws=draws)
+        return self.rewarded(self.transition(state, action, target, after))
+
+    def rewarded(self, step: Transition) -> Any:
+        """Returns the state after a step with the terms of its reward."""
+        return step.after._replace(terms=self.reward_terms(step))
+
     def reward_terms(self, step: Transition) -> dict[str, Array]:
         """Returns the terms `(...)` of a step's reward by name."""
         return {name: term(step) for name, term in self.rewards.items()}

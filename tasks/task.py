@@ -271,7 +271,7 @@ class SuiteTask(composer.Task):
         extras = ExtraObservables(scene, extra_observables)
         self.extras = extras if extras.size else None
         self.observations = ExtraObservations(self.extra_observations, type(self).__name__)
-        own = self.observations.observables(lambda: self.episode.measured)
+        own = self.observations.observables(self._measured)
         self.extra_observables: dict[str, observable.Observable] = joined(extras.by_name, own)
         self.extra_slices = dict(extras.slices)
         self.extra_size = extras.size
@@ -475,6 +475,10 @@ class SuiteTask(composer.Task):
         self.bind(physics)
         self._start(physics, np.zeros(mdp.noise_draws))
         self._append_observations()
+
+    def _measured(self) -> Measured:
+        assert self.episode.measured is not None, "the scene is compiled"
+        return self.episode.measured
 
     def _append_observations(self) -> None:
         """Adds the elements of the extra observations to the state, once their number is known."""

@@ -114,8 +114,8 @@ class KitchenTransition(Transition):
     @functools.cached_property
     def shares(self) -> Shares:
         """How far each task has come, before and after the step; for dense rewards alone."""
-        assert self.after.shaping is not None, "only a dense reward has a state"
         mdp, state = self._mdp, self.after
+        assert state.shaping is not None, "only a dense reward has a state"
         return task_shares(
             state.shaping,
             success=mdp.success,
@@ -316,8 +316,9 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             infos |= {f"{REQUESTED}_mask": state.requested_order >= 0, REQUESTED_ORDER: state.requested_order.copy()}
         if self.tasks_in_turn:
             # A step that completes a task has not attempted the next one.
-            attempted = np.where(progress.advanced[..., np.newaxis], progress.completed, self.attempted(state))
-            infos[f"{ATTEMPTED}_mask"] = attempted
+            attempted = self.attempted(state)
+            assert attempted is not None, "tasks in turn are requested in an order"
+            infos[f"{ATTEMPTED}_mask"] = np.where(progress.advanced[..., np.newaxis], progress.completed, attempted)
         if state.terms.keys() != _SPARSE:
             infos |= {f"reward/{name}": np.array(term) for name, term in state.terms.items()}
         if state.shaping is not None:

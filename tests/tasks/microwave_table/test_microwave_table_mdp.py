@@ -36,10 +36,8 @@ def play(doors):
     shape = np.shape(doors[0])
     states = [MDP.initial_state(reading(shape, doors[0]), np.zeros((*shape, 0)))]
     for door in doors[1:]:
-        acting = {"action": np.zeros((*shape, 8)), "target": np.zeros((*shape, 9))}
-        after = MDP.next_state(states[-1], **acting, reading=reading(shape, door), draws=np.zeros((*shape, 0)))
-        step = MDP.transition(states[-1], *acting.values(), after)
-        states.append(after._replace(terms=MDP.reward_terms(step)))
+        after = {"action": np.zeros((*shape, 8)), "target": np.zeros((*shape, 9)), "draws": np.zeros((*shape, 0))}
+        states.append(MDP.step(state=states[-1], reading=reading(shape, door), **after))
     return states
 
 
