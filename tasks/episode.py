@@ -5,7 +5,6 @@ make their steps with the same `Stepper`.
 """
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter, task_parameter
 from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
-from kitchen_suite.tasks.mdp import MDP, Simulation, Termination
+from kitchen_suite.tasks.mdp import MDP, Simulation, Termination, Transition
 from kitchen_suite.tasks.pushes import Push, Pusher
 
 ACTION_DELAY = "sensing/action_delay"
@@ -186,25 +185,28 @@ class Stepper:
           reading: values of the task's sensors.
           draws: `(..., noise_draws)`, from U(-1, 1).
         """
-        mdp, action, target = self.mdp, acting.action, acting.target
-        after = mdp.next_state(
-            state.mdp_state, action=action, target=target, reading=reading, draws=state.scaled(draws)
+        mdp, measured, terminations = self.mdp, state.measured, state.terminations
+        step = mdp.transition(
+            state.mdp_state, action=acting.action, target=acting.target, reading=reading, draws=state.scaled(draws)
         )
-        parts: tuple[Any, ...] = state.mdp_state, action, target, after
-        measured = state.measured
         if measured is not None:
-            values = self.observations.measure(self.simulation, after, action.shape[:-1])
-            parts = *parts, values, measured.values
+            values = self.observations.measure(self.simulation, step.after, acting.action.shape[:-1])
+            step.observations = values
+            step.previous_observations = measured.values
             measured = Measured(values, self.observations.uncorrupted(values))
-        step = mdp.transition(*parts)
-        terminations = {
-            name: np.broadcast_to(np.asarray(termination(step), bool), action.shape[:-1]).copy()
-            for name, termination in self.terminations.items()
-        }
+        if self.terminations:
+            terminations = self._extra_terminations(step)
         after = mdp.rewarded(step)
         return EpisodeState(after, state.command, state.sensing, state.push, state.variation, measured, terminations)
 
+    def _extra_terminations(self, step: Transition) -> dict[str, NDArray[np.bool_]]:
+        """Returns whether `(...)` each of the extra terminations ends the episode in a step."""
+        ended = {name: np.asarray(termination(step), bool) for name, termination in self.terminations.items()}
+        return {name: np.broadcast_to(each, step.action.shape[:-1]).copy() for name, each in ended.items()}
+
     def terminates(self, state: EpisodeState) -> NDArray[np.bool_]:
         """Returns whether `(...)` the last step terminated the episode."""
-        own = self.mdp.terminates(state.mdp_state)
-        return functools.reduce(np.logical_or, state.terminations.values(), own)
+        ended = self.mdp.terminates(state.mdp_state)
+        for extra in state.terminations.values():
+            ended = ended | extra
+        return ended

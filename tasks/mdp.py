@@ -42,21 +42,14 @@ class Transition:
       previous_observations: the same before the step.
     """
 
-    def __init__(
-        self,
-        before: Any,
-        action: Array,
-        target: Array,
-        after: Any,
-        observations: Mapping[str, Array] = MappingProxyType({}),
-        previous_observations: Mapping[str, Array] = MappingProxyType({}),
-    ) -> None:
+    observations: Mapping[str, Array] = MappingProxyType({})
+    previous_observations: Mapping[str, Array] = MappingProxyType({})
+
+    def __init__(self, before: Any, action: Array, target: Array, after: Any) -> None:
         self.before = before
         self.action = action
         self.target = target
         self.after = after
-        self.observations = observations
-        self.previous_observations = previous_observations
 
 
 RewardTerm = Callable[[Any], Array]
@@ -433,8 +426,8 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """
 
     @abc.abstractmethod
-    def next_state(self, state: State, *, action: Array, target: Array, reading: Reading, draws: Array) -> State:
-        """Returns the state after one more control step, without the terms of its reward.
+    def transition(self, state: State, *, action: Array, target: Array, reading: Reading, draws: Array) -> Transition:
+        """Returns one more control step, whose state has no terms of the reward yet.
 
         Args:
           state: the state before it.
@@ -444,18 +437,13 @@ class MDP(abc.ABC, Generic[Reading, State]):
           draws: `(..., noise_draws)`, from U(-1, 1).
         """
 
-    def transition(self, *parts: Any) -> Transition:
-        """Returns a control step, of whose class the terms of this MDP are functions; `parts` as of `Transition`."""
-        return Transition(*parts)
+    def step(self, state: State, **arguments: Any) -> Any:
+        """Returns the state after one more control step without extra observations; arguments as of `transition`."""
+        return self.rewarded(self.transition(state, **arguments))
 
     @abc.abstractmethod
     def observation(self, simulation: Simulation, state: State) -> NDArray:
         """Returns the flat observation `(..., m)` without goals, with its noise."""
-
-    def step(self, state: State, *, action: Array, target: Array, reading: Reading, draws: Array) -> State:
-        """Returns the state after one more control step without extra observations; arguments as of `next_state`."""
-        after = self.next_state(state, action=action, target=target, reading=reading, draws=draws)
-        return self.rewarded(self.transition(state, action, target, after))
 
     def rewarded(self, step: Transition) -> Any:
         """Returns the state after a step with the terms of its reward."""

@@ -101,10 +101,11 @@ class KitchenTransition(Transition):
     before: KitchenState
     after: KitchenState
 
-    def __init__(self, mdp: "KitchenMDP", *parts: Any) -> None:
-        """Stores the settings, and the parts of a `Transition`."""
+    def __init__(self, mdp: "KitchenMDP", attempted: NDArray[np.bool_] | None, *parts: Any) -> None:
+        """Stores the settings, which tasks `(..., n)` the step could complete, and the parts of a `Transition`."""
         super().__init__(*parts)
         self._mdp = mdp
+        self._attempted = attempted
 
     @property
     def completions(self) -> NDArray[np.bool_]:
@@ -121,7 +122,7 @@ class KitchenTransition(Transition):
             success=mdp.success,
             achieved=state.achieved,
             desired=mdp.goals.desired,
-            mask=mdp.attempted(self.before),
+            mask=self._attempted,
         )
 
 
@@ -239,9 +240,9 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             return None
         return Shaping.start(reading.achieved, reading.hand_distances, self.goals)
 
-    def next_state(
+    def transition(
         self, state: KitchenState, *, action: Array, target: Array, reading: KitchenReading, draws: Array
-    ) -> KitchenState:
+    ) -> KitchenTransition:
         positions, achieved, hand_distances = reading
         within = self.success.within(achieved)
         attempted = self.attempted(state)
@@ -268,10 +269,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
                 shaping = shaping.restarted(before.advanced, state.achieved, self.goals)
             shaping = shaping.after(state.achieved, before.completed, hand_distances, self.goals)
             after = after._replace(shaping=shaping)
-        return after
-
-    def transition(self, *parts: Any) -> KitchenTransition:
-        return KitchenTransition(self, *parts)
+        return KitchenTransition(self, attempted, state, action, target, after)
 
     def observation(self, simulation: Simulation, state: KitchenState) -> Array:
         return self.sensors.observed(simulation) + state.noise

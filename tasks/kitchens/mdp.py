@@ -400,25 +400,22 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         progress = Progress.initial((MAX_PARTS,))._replace(remaining=order >= 0)
         return state._replace(order=order, goal=goal, progress=progress)
 
-    def next_state(
+    def transition(
         self, state: KitchensState, *, action: Array, target: Array, reading: SlotReading, draws: Array
-    ) -> KitchensState:
+    ) -> KitchensTransition:
         after = state._replace(
             noise=self.noise_scale * draws, target=target, terms={}, **_measured(state.slots, reading)
         )
         within = self.within(after.openings, after.goal) & state.requested
         after = after._replace(progress=state.progress.update(within, remove_task_when_completed=True))
-        if state.shaping is None:
-            return after
-        approach = covered(after.hand_distances, state.shaping.initial_distances)
-        shaping = state.shaping._replace(
-            best_approach=np.maximum(state.shaping.best_approach, approach),
-            best_progress=np.maximum(state.shaping.best_progress, after.goal_progress(state.shaping)),
-        )
-        return after._replace(shaping=shaping)
-
-    def transition(self, *parts: Any) -> KitchensTransition:
-        return KitchensTransition(*parts)
+        if state.shaping is not None:
+            approach = covered(after.hand_distances, state.shaping.initial_distances)
+            shaping = state.shaping._replace(
+                best_approach=np.maximum(state.shaping.best_approach, approach),
+                best_progress=np.maximum(state.shaping.best_progress, after.goal_progress(state.shaping)),
+            )
+            after = after._replace(shaping=shaping)
+        return KitchensTransition(state, action, target, after)
 
     @staticmethod
     def within(openings: Array, goal: Array) -> NDArray[np.bool_]:

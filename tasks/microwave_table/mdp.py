@@ -101,10 +101,10 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
         axes = reading.shape[:-1]
         return self._state(reading, np.zeros(axes, bool))._replace(terms=self.no_reward(axes))
 
-    def next_state(
+    def transition(
         self, state: MicrowaveTableState, *, action: Array, target: Array, reading: Array, draws: Array
-    ) -> MicrowaveTableState:
-        return self._state(reading, state.succeeded)
+    ) -> Transition:
+        return Transition(state, action, target, self._state(reading, state.succeeded))
 
     def observation(self, simulation: Simulation, state: MicrowaveTableState) -> NDArray[np.float32]:
         return state.observation.astype(np.float32)

@@ -52,20 +52,20 @@ class OpenCabinetState(NamedTuple):
 
 
 class OpenCabinetTransition(Transition):
-    """A control step in front of the cabinet."""
+    """A control step in front of the cabinet.
+
+    Attributes:
+      features: after the step.
+    """
 
     before: OpenCabinetState
     after: OpenCabinetState
 
-    def __init__(self, handle_radius: float, *parts: Any) -> None:
-        """Stores the radius of the handle's bar [m], and the parts of a `Transition`."""
+    def __init__(self, features: Features, handle_radius: float, *parts: Any) -> None:
+        """Stores the features after the step, the radius of the handle's bar [m], and the parts of a `Transition`."""
         super().__init__(*parts)
+        self.features = features
         self._handle_radius = handle_radius
-
-    @functools.cached_property
-    def features(self) -> Features:
-        """The features after the step."""
-        return Features(self.after.features)
 
     @functools.cached_property
     def grip(self) -> Grip:
@@ -118,11 +118,11 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
             total_steps=np.zeros(axes, np.int64),
         )
 
-    def next_state(
+    def transition(
         self, state: OpenCabinetState, *, action: Array, target: Array, reading: Array, draws: Array
-    ) -> OpenCabinetState:
+    ) -> OpenCabinetTransition:
         view = Features(reading)
-        return OpenCabinetState(
+        after = OpenCabinetState(
             features=reading,
             observation=observe(view),
             noise=self.noise_scale * draws if self.is_noisy else state.noise,
@@ -132,9 +132,7 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
             succeeded=state.succeeded | succeeds(view.drawer_position),
             total_steps=state.total_steps + 1,
         )
-
-    def transition(self, *parts: Any) -> OpenCabinetTransition:
-        return OpenCabinetTransition(self.handle_radius, *parts)
+        return OpenCabinetTransition(view, self.handle_radius, state, action, target, after)
 
     def observation(self, simulation: Simulation, state: OpenCabinetState) -> NDArray[np.float32]:
         return clipped(state.observation + state.noise if self.is_noisy else state.observation)

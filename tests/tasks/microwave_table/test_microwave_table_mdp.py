@@ -5,6 +5,7 @@ import types
 import numpy as np
 import pytest
 
+from kitchen_suite.tasks import Transition
 from kitchen_suite.tasks.microwave_table.mdp import PARTS, REWARDS, SIZE, MicrowaveTableMDP, MicrowaveTableState
 
 # Columns of a reading, as the sensors of a scene have them.
@@ -122,7 +123,7 @@ def test_reward_terms_by_hand():
     observation[1, PARTS["handle_offset"]] = 0.06, 0.0, 0.08
     observation[:, PARTS["door_position"]] = [[-0.15], [0.3], [-2.0]]
     state = MicrowaveTableState(observation, {}, np.zeros(3, bool), np.zeros(3, bool))
-    step = MDP.transition(state, np.zeros(8), np.zeros(9), state)
+    step = Transition(state, np.zeros(8), np.zeros(9), state)
     terms = {name: term(step) for name, term in REWARDS.items()}
     assert tuple(terms) == ("approach", "opening")
     np.testing.assert_allclose(terms["approach"], [1.0, 1.0 - np.tanh(1.0), 1.0])
