@@ -160,6 +160,7 @@ class Domain:
         *,
         time_limit: float | Literal["default"] | None = "default",
         random: int | np.random.RandomState | None = None,
+        episode_seeds: bool | int = False,
         visuals: bool = True,
         render_quality: str = "high",
         physics: str | None = None,
@@ -171,6 +172,7 @@ class Domain:
         Args:
           time_limit: length of an episode [s]; None for no limit; by default that of `episode_steps`.
           random: seed, or random state to draw from.
+          episode_seeds: whether each episode has a seed of its own, from `random` on; see `Environment`.
           visuals: False omits geoms and textures that only rendering needs; trajectories are the same to the bit.
           render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
             faces; see `rendering.quality.set_render_quality`.
@@ -208,7 +210,12 @@ class Domain:
             from kitchen_suite.rendering.quality import set_render_quality
 
             set_render_quality(task.root_entity.mjcf_model, render_quality, is_visual)
-        settings = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False, **given}
+        settings: dict[str, Any] = {
+            "strip_singleton_obs_buffer_dim": True,
+            "recompile_mjcf_every_episode": False,
+            "episode_seeds": episode_seeds,
+            **given,
+        }
         return Environment(task, time_limit=limit, random_state=random, **settings)
 
 

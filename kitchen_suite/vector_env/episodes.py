@@ -26,12 +26,14 @@ class Stream:
       generator: Gymnasium's generator for the seed.
       seed: the seed; drawn by Gymnasium when `None` is passed.
       random_state: a RandomState over the generator's bit generator.
+      has_episode: whether an episode has started with it.
     """
 
     def __init__(self, seed: int | None) -> None:
         """Starts the stream."""
         self.generator, self.seed = gymnasium.utils.seeding.np_random(seed)
         self.random_state = np.random.RandomState(self.generator.bit_generator)
+        self.has_episode = False
 
 
 class BatchEpisodes:
@@ -47,14 +49,16 @@ class BatchEpisodes:
       has_moved: `(n,)`, whether an episode has been started or stepped since a reader of this set it to False.
     """
 
-    def __init__(self, environments: Sequence[Environment], threads: int) -> None:
+    def __init__(self, environments: Sequence[Environment], threads: int, seed_stride: int = 0) -> None:
         """Builds the simulations; `start` starts the episodes.
 
         Args:
           environments: the single environment that starts each of the `n` episodes, the same for many; their models are
             compiled, and their tasks differ in what is part of states and sensors alone. Nothing else may step them.
           threads: number of threads that step the episodes, including the calling one.
+          seed_stride: by how much the seed of each next episode is greater; 0 where it continues the stream.
         """
+        self._seed_stride = seed_stride
         count, distinct = len(environments), [*dict.fromkeys(environments)]
         _check_robots(distinct)
         self._environments, self._task = environments, distinct[0].task
@@ -106,7 +110,7 @@ class BatchEpisodes:
         arrays = self.state.arrays()
         for i in indices.tolist():
             environment = self._environments[i]
-            environment.random_state, task = self.streams[i].random_state, environment.task
+            environment.random_state, task = self._stream_of_next(i).random_state, environment.task
             if i in self._variation_requests:
                 task.variations.follow(self._variation_requests.pop(i))
             if i in self._task_requests:
@@ -129,6 +133,13 @@ class BatchEpisodes:
             self._place_fixed_bodies(indices)
         if self._mdp.action_mode.reads_derived:
             self.batch.forward(indices, self._stage)
+
+    def _stream_of_next(self, i: int) -> Stream:
+        """Returns the random stream of the next episode of environment `i`."""
+        if self._seed_stride and self.streams[i].has_episode:
+            self.streams[i] = Stream(self.streams[i].seed + self._seed_stride)
+        self.streams[i].has_episode = True
+        return self.streams[i]
 
     def _place_fixed_bodies(self, indices: NDArray[np.int64]) -> None:
         """Computes the poses of all bodies in some simulations, as `Variations.place_fixed` does in one."""
