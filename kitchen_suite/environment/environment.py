@@ -35,6 +35,9 @@ PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 # Keys of states: the physics, where it is not the exact one, and what sleeps, where objects may.
 _PHYSICS_NAME, _ASLEEP = "physics_name", "asleep"
 
+# Key of states, and of infos: length of a control step [s], where it is not the task's own.
+CONTROL_TIMESTEP = "control_timestep"
+
 
 class Physics(mjcf.Physics):
     """`mjcf.Physics` that keeps the scenes it renders; where it can render none, a RuntimeError names the remedy."""
@@ -186,7 +189,7 @@ class UnbufferedUpdater(observation.Updater):
 
 
 class Environment(composer.Environment):
-    """`composer.Environment` with five differences.
+    """`composer.Environment` with six differences.
 
     - All physics steps of a control step are made in one call, unless a hook or a buffered observable needs the state
       between them; see `_plan_substeps`.
@@ -197,6 +200,8 @@ class Environment(composer.Environment):
     - `get_state` and `set_state` save and restore the environment in the middle of an episode.
     - With `episode_seeds` each episode starts its own random stream.
     """
+
+    _random_state: np.random.RandomState
 
     def __init__(
         self,
@@ -268,6 +273,12 @@ class Environment(composer.Environment):
         """Control steps in an episode; infinite without a time limit."""
         return self._step_limit
 
+    @property
+    def changed_timestep(self) -> dict[str, float]:
+        """Length of a control step [s] by its key in infos and states; empty where it is the task's own."""
+        task = self._task
+        return {} if task.default_control_timestep is None else {CONTROL_TIMESTEP: task.control_timestep}
+
     def reset(self) -> dm_env.TimeStep:
         if self._seed_stride:
             self._start_stream()
@@ -338,6 +349,7 @@ class Environment(composer.Environment):
             "random": self._random_state.get_state(legacy=False),
             **({} if scene.physics == EXACT else {_PHYSICS_NAME: scene.physics}),
             **({_ASLEEP: self._physics.data.ptr.tree_asleep.copy()} if scene.sleeps else {}),
+            **self.changed_timestep,
             **({NEXT_SEED: self._next_seed} if self._seed_stride else {}),
         }
 
@@ -359,6 +371,12 @@ class Environment(composer.Environment):
         if found != own:
             raise ValueError(f"the state is of physics {checks.shown(found)}, but the environment has {own!r}")
         random = _checked_random(state.get("random"), self._random_state)
+        task = self._task
+        default = task.control_timestep if task.default_control_timestep is None else task.default_control_timestep
+        timestep = checks.number(state.get(CONTROL_TIMESTEP, default), f"state[{CONTROL_TIMESTEP!r}]", positive=True)
+        if timestep != task.control_timestep:
+            here = f"but those of the environment take {task.control_timestep:g} s"
+            raise ValueError(f"control steps of the state take {timestep:g} s, {here}")
         next_seed = checked_next_seed(state) if self._seed_stride else UNKNOWN
         # A seed may be larger than any of NumPy's integers.
         checked = {"random": {}, **({NEXT_SEED: 0} if self._seed_stride else {})}

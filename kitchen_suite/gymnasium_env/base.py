@@ -97,6 +97,7 @@ class SuiteEnv(gymnasium.Env):
         visuals: bool | None = None,
         render_quality: str = "high",
         physics: str | None = None,
+        control_timestep: float | None = None,
         obs_type: str | None = None,
         action_limit: float | None = None,
         episode_seeds: bool | int = False,
@@ -120,6 +121,8 @@ class SuiteEnv(gymnasium.Env):
           visuals: whether to build geoms and textures that only pictures need; when omitted, where there are pictures.
           render_quality: `high` or `fast`; see `Domain.load`.
           physics: `exact` or `fast`; the domain's when omitted; see `Domain.load`. With `fast`, infos have `physics`.
+          control_timestep: length of a control step [s]; the domain's when omitted; see `Domain.load`. Where it is
+            another one, infos have `control_timestep`. Step limits stay as many control steps.
           obs_type: observation type, such as `state` or `pixels_agent_pos`; the first of `obs_types` when omitted.
           action_limit: bound of the action space, for agents that need a finite one, to which actions are clipped; of
             control modes without bounds of their own. The space is unbounded when omitted.
@@ -159,6 +162,7 @@ class SuiteEnv(gymnasium.Env):
             visuals=with_visuals if visuals is None else checks.boolean(visuals, "visuals"),
             render_quality=render_quality,
             physics=physics,
+            control_timestep=control_timestep,
             # None stands for the domain's own control mode.
             **{name: value for name, value in options.items() if (name, value) != ("control_mode", None)},
         )
@@ -294,11 +298,18 @@ class SuiteEnv(gymnasium.Env):
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the info of the last step or reset, in fresh lists and arrays, without that of the variation."""
-        return {**self.composer_task.mdp.info(self.composer_task.state), "episode_step": np.array(self._episode_step)}
+        info = self.composer_task.mdp.info(self.composer_task.state)
+        return {**info, "episode_step": self._number(self._episode_step)}
+
+    def _number(self, value: float) -> Any:
+        """Returns a number as infos have it."""
+        return np.array(value)
 
     def _all_infos(self) -> dict[str, Any]:
-        """Returns the infos of the task and of its variation, and the physics unless it is the exact one."""
-        return {**self._get_info(), **(self.composer_task.variations.info if self.varies else {}), **self._physics_info}
+        """Returns the infos of the task and of its variation, and physics and control timestep if not the default."""
+        timestep = {name: self._number(value) for name, value in self.environment.changed_timestep.items()}
+        variation = self.composer_task.variations.info if self.varies else {}
+        return {**self._get_info(), **variation, **self._physics_info, **timestep}
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode; a bad argument raises a TypeError or ValueError that names it.

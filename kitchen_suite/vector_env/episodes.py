@@ -204,10 +204,12 @@ class BatchEpisodes:
         return {**self._mdp.info(self.state.mdp_state), "episode_step": self.steps.copy()}
 
     def variation_info(self) -> dict[str, Any]:
-        """Returns the infos on variation and physics: fresh arrays `(n, ...)`, and nested dicts of these."""
+        """Returns the infos on variation, physics and control step: fresh arrays `(n, ...)`, and dicts of these."""
         physics = self._task.scene.physics
         named = {} if physics == EXACT else {PHYSICS: np.full(self.steps.shape, physics, object)}
-        return {**vector_checks.copied(self.state.variation), **named}
+        changed = self._environments[0].changed_timestep.items()
+        timestep = {name: np.full(self.steps.shape, value) for name, value in changed}
+        return {**vector_checks.copied(self.state.variation), **named, **timestep}
 
     def masked_variation_info(self) -> dict[str, Any]:
         """Returns the infos on variation and physics beside masks that are True everywhere, in read-only arrays.
