@@ -96,6 +96,9 @@ control_mode_flag = functools.partial(
     "Meaning of the action, such as joint_position or ee_delta_pose; see docs/guide/control_modes.md.",
     unset="the domain's",
 )
+control_timestep_flag = functools.partial(
+    flag, "Length of a control step [s], a whole number of physics steps.", unset="the domain's"
+)
 physics_flag = functools.partial(
     flag, "exact, or fast: longer steps, for training.", choices=PHYSICS, unset="the domain's"
 )
@@ -164,13 +167,14 @@ class TaskSettings:
     )
     physics: str | None = physics_flag(None)
     control_mode: str | None = control_mode_flag(None)
+    control_timestep: float | None = control_timestep_flag(None)
     variations: str | None = variations_flag(None)
     variation_split: str | None = variation_split_flag(None)
 
     @property
     def environment_kwargs(self) -> dict[str, Any]:
         """Arguments of the task's Gymnasium environment; a ValueError if one is given twice, with different values."""
-        names = ("physics", "control_mode", "variations", "variation_split")
+        names = ("physics", "control_mode", "control_timestep", "variations", "variation_split")
         given = {name: value for name in names if (value := getattr(self, name)) is not None}
         if self.variations is not None:
             given["variations"] = parsed_variations(self.variations)
@@ -385,6 +389,7 @@ class EvaluateSettings(TaskSettings, PageSettings):
     policy: str = policy_flag("random")
     task_name: str | None = task_flag(None, unset=_OF_PROTOCOL)
     control_mode: str | None = control_mode_flag(None, unset=_OF_PROTOCOL)
+    control_timestep: float | None = control_timestep_flag(None, unset=_OF_PROTOCOL)
     variations: str | None = variations_flag(None, unset=_OF_PROTOCOL)
     variation_split: str | None = variation_split_flag(None, unset=_OF_PROTOCOL)
     seed: int | None = seed_flag(None, unset=_OF_PROTOCOL, maximum=MAX_SEED - MAX_COUNT)

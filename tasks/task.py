@@ -51,6 +51,11 @@ _INSTEAD = MappingProxyType(
         "initialize_episode_mjcf": "change the scene before the task is built, or physics.model in reset_physics",
     }
 )
+# Longest control step [s]: far above what is of use, and not below one whole image a second in videos and datasets.
+MAX_CONTROL_TIMESTEP = 1.0
+
+# Greatest difference of a control step from whole physics steps [physics steps]; that of `composer.Task`.
+_WHOLE_STEPS = 1e-6
 
 SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)  # Colour of objects that the task counts as a success.
 
@@ -221,6 +226,7 @@ class SuiteTask(composer.Task):
       random: the random state that the environment last passed to the task.
       episode: state of the present episode; arrays without leading axes, not to be written to.
       truncates: whether the last step truncated the episode, whatever the environment's time limit.
+      default_control_timestep: length of a control step [s] that another one replaces; None where none does.
     """
 
     domain_name: str | None = None
@@ -237,6 +243,7 @@ class SuiteTask(composer.Task):
     policy_inputs: PolicyInputs
     pusher: Pusher
     random: np.random.RandomState
+    default_control_timestep: float | None = None
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         """Raises a TypeError if a class overrides a hook that would act in some environments alone."""
@@ -305,6 +312,27 @@ class SuiteTask(composer.Task):
         self.variations = Variations(
             self.scene, self.varied, *self._requested_variations, handles=handles, parameters=own, **arguments
         )
+
+    def use_control_timestep(self, timestep: float) -> None:
+        """Replaces the length of a control step [s]; to be called once, before an environment is built.
+
+        Targets of velocities and speeds follow. Numbers of control steps, such as `max_task_steps`, stay.
+
+        Raises:
+          TypeError: it is no number.
+          ValueError: it is not positive, longer than 1 s, or no whole number of physics steps.
+        """
+        checks.number(timestep, "control_timestep", positive=True, maximum=MAX_CONTROL_TIMESTEP)
+        steps = timestep / self.physics_timestep
+        whole = max(1, round(steps))
+        if abs(steps - whole) > _WHOLE_STEPS:
+            raise ValueError(
+                f"control_timestep must be a whole number of physics steps of {self.physics_timestep:g} s, got "
+                f"{timestep!r}; the nearest one is {whole * self.physics_timestep!r}"
+            )
+        if whole != self.physics_steps_per_control_step:
+            self.default_control_timestep = self.control_timestep
+            self.set_timesteps(control_timestep=float(timestep), physics_timestep=self.physics_timestep)
 
     @property
     def root_entity(self) -> SiteArena:

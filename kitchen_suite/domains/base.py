@@ -144,9 +144,10 @@ class Domain:
 
     @property
     def control_options(self) -> tuple[str, ...]:
-        """Names of the arguments on which the meaning of the action depends: the control mode and its own."""
+        """Names of the arguments on which the meaning of the action depends: of control mode and control step."""
         parameters = {name: None for mode in self.resolve("task").control_modes.values() for name in _parameters(mode)}
-        return ("control_mode", *(name for name in parameters if name not in _SET_BY_THE_SUITE))
+        own = (name for name in parameters if name not in _SET_BY_THE_SUITE)
+        return ("control_mode", *own, "control_timestep")
 
     def check_arguments(
         self, names: Iterable[object], *others: Callable[..., Any], what: str, exclude: Collection[str] = ()
@@ -160,9 +161,11 @@ class Domain:
         *,
         time_limit: float | Literal["default"] | None = "default",
         random: int | np.random.RandomState | None = None,
+        episode_seeds: bool | int = False,
         visuals: bool = True,
         render_quality: str = "high",
         physics: str | None = None,
+        control_timestep: float | None = None,
         environment_kwargs: Mapping[str, Any] | None = None,
         **arguments: Any,
     ) -> "Environment":
@@ -171,11 +174,14 @@ class Domain:
         Args:
           time_limit: length of an episode [s]; None for no limit; by default that of `episode_steps`.
           random: seed, or random state to draw from.
+          episode_seeds: whether each episode has a seed of its own, from `random` on; see `Environment`.
           visuals: False omits geoms and textures that only rendering needs; trajectories are the same to the bit.
           render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
             faces; see `rendering.quality.set_render_quality`.
           physics: `exact`, or `fast`: another integration of the same model; see docs/guide/fast_physics.md. The
             domain's when omitted.
+          control_timestep: length of a control step [s], a whole number of physics steps; the domain's when omitted.
+            The default `time_limit` stays as many control steps.
           environment_kwargs: further arguments of `Environment`.
           **arguments: of the functions `scene` and `task`, documented there.
 
@@ -191,6 +197,9 @@ class Domain:
         physics = self.physics if physics is None else physics
         if physics != EXACT and "sleep" in arguments:
             raise ValueError(f"physics={physics!r} decides whether objects sleep: leave out sleep, or physics")
+        given = environment_kwargs or {}
+        if control_timestep is not None and given.get("n_sub_steps") is not None:
+            raise ValueError("control_timestep and n_sub_steps both set the control step: leave out n_sub_steps")
         build_scene, build_task = self.resolve("scene"), self.resolve("task")
         of_scene = _parameters(build_scene)
         scene_arguments = {name: value for name, value in {"visuals": visuals, **arguments}.items() if name in of_scene}
@@ -198,17 +207,23 @@ class Domain:
         scene = build_scene(**scene_arguments)
         scene.use_physics(physics)
         task = build_task(scene, **task_arguments)
+        if control_timestep is not None:
+            task.use_control_timestep(control_timestep)
         limit = self.episode_steps * task.control_timestep if time_limit == "default" else time_limit
         limit = math.inf if limit is None else checks.number(limit, "time_limit", positive=True)
         constructors, own = (Environment, *Environment.__bases__), ("task", "time_limit", "random_state")
-        given = environment_kwargs or {}
         checks.keywords(given, *constructors, what="environment argument", exclude=own)
         if render_quality != "high":
             from kitchen_suite.entities.assets import is_visual
             from kitchen_suite.rendering.quality import set_render_quality
 
             set_render_quality(task.root_entity.mjcf_model, render_quality, is_visual)
-        settings = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False, **given}
+        settings: dict[str, Any] = {
+            "strip_singleton_obs_buffer_dim": True,
+            "recompile_mjcf_every_episode": False,
+            "episode_seeds": episode_seeds,
+            **given,
+        }
         return Environment(task, time_limit=limit, random_state=random, **settings)
 
 

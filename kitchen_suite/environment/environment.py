@@ -22,6 +22,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY
 from kitchen_suite.environment.composer import check_private_names
 from kitchen_suite.environment.edits import MjcfSnapshot
+from kitchen_suite.environment.seeds import NEXT_SEED, UNKNOWN, checked_next_seed, checked_stride, known
 from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import gl
 from kitchen_suite.tasks.observables import Camera as PictureCamera
@@ -34,6 +35,9 @@ PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 # Keys of states: the physics, where it is not the exact one, and what sleeps, where objects may.
 _PHYSICS_NAME, _ASLEEP = "physics_name", "asleep"
+
+# Key of states, and of infos: length of a control step [s], where it is not the task's own.
+CONTROL_TIMESTEP = "control_timestep"
 
 
 class Physics(mjcf.Physics):
@@ -203,7 +207,10 @@ class Environment(composer.Environment):
       has changed in `physics.model`.
     - With `flat_observation` the observation is one array, as in dm_control's suite.
     - `get_state` and `set_state` save and restore the environment in the middle of an episode.
+    - With `episode_seeds` each episode starts its own random stream.
     """
+
+    _random_state: np.random.RandomState
 
     def __init__(
         self,
@@ -212,6 +219,7 @@ class Environment(composer.Environment):
         random_state: int | np.random.RandomState | None = None,
         *,
         flat_observation: bool = False,
+        episode_seeds: bool | int = False,
         **kwargs: Any,
     ) -> None:
         """Builds the environment; a bad argument raises a TypeError or ValueError that names it.
@@ -221,10 +229,19 @@ class Environment(composer.Environment):
           time_limit: length of an episode [s].
           random_state: seed, or random state to draw from.
           flat_observation: whether to concatenate all observations under the key `observations`.
+          episode_seeds: whether each reset starts the random stream anew, from the next seed: episode `k` then depends
+            on the seed `random_state + k` alone, not on the episodes before it, and is the one that `kitchen-rollout`
+            plays as its `k`-th. A number is the distance between these seeds. Without it all episodes draw from one
+            stream.
           **kwargs: further arguments of `composer.Environment`.
         """
         if not time_limit > 0:
             raise ValueError(f"time_limit must be positive, got {checks.shown(time_limit)}")
+        self._seed_stride = checked_stride(episode_seeds)
+        if self._seed_stride:
+            if kwargs.get("fixed_initial_state"):
+                raise ValueError("fixed_initial_state and episode_seeds both set the random stream: leave out one")
+            random_state = self._next_seed = _first_seed(random_state)
         with warnings.catch_warnings():
             # composer stores the legacy state of the random stream; numpy warns unless that is a Mersenne Twister.
             warnings.filterwarnings("ignore", "get_state and legacy", RuntimeWarning)
@@ -232,6 +249,8 @@ class Environment(composer.Environment):
         entities = self._task.root_entity.iter_entities()
         # composer compiles at the first reset once more, since entities may edit their MJCF there.
         self._mjcf_never_compiled = any(map(edits_mjcf, entities))
+        # The one set last by `episode_seeds`; Shimmy assigns others to the private attribute.
+        self._seeded_state = self._random_state
         steps = time_limit / self.control_timestep()
         self._step_limit = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
         self._step_count = 0
@@ -244,11 +263,18 @@ class Environment(composer.Environment):
 
     @property
     def random_state(self) -> np.random.RandomState:
-        """The random state that the environment draws from; can be replaced at any time."""
+        """The random state that the environment draws from; can be replaced at any time.
+
+        With `episode_seeds` by a seed alone, which the next episode has.
+        """
         return self._random_state
 
     @random_state.setter
     def random_state(self, value: int | np.random.RandomState | None) -> None:
+        if self._seed_stride:
+            value = self._next_seed = _first_seed(value)
+            self._random_state = self._seeded_state = make_random_state(value)
+            return
         self._random_state = make_random_state(value)
         if self._fixed_initial_state:
             # composer starts every episode from this state.
@@ -259,7 +285,15 @@ class Environment(composer.Environment):
         """Control steps in an episode; infinite without a time limit."""
         return self._step_limit
 
+    @property
+    def changed_timestep(self) -> dict[str, float]:
+        """Length of a control step [s] by its key in infos and states; empty where it is the task's own."""
+        task = self._task
+        return {} if task.default_control_timestep is None else {CONTROL_TIMESTEP: task.control_timestep}
+
     def reset(self) -> dm_env.TimeStep:
+        if self._seed_stride:
+            self._start_stream()
         self._reset_next_step = True
         if self.mjcf_has_changed():
             self._mjcf_never_compiled = True
@@ -267,6 +301,20 @@ class Environment(composer.Environment):
         self._step_count = 0
         self._plan_substeps()
         return timestep._replace(observation=self._flatten(timestep.observation))
+
+    def _start_stream(self) -> None:
+        """Starts the random stream of the next episode, unless a stream was assigned to `_random_state` for it."""
+        if self._random_state is not self._seeded_state:
+            self._seeded_state, self._next_seed = self._random_state, UNKNOWN
+            return
+        seed = known(self._next_seed)
+        self._random_state = self._seeded_state = make_random_state(seed)
+        self._next_seed = seed + self._seed_stride
+
+    @property
+    def resets_next_step(self) -> bool:
+        """Whether the next `step` starts an episode."""
+        return self._reset_next_step
 
     def step(self, action: ArrayLike) -> dm_env.TimeStep:
         if self._reset_next_step:
@@ -319,6 +367,8 @@ class Environment(composer.Environment):
             "random": self._random_state.get_state(legacy=False),
             **({} if scene.physics == EXACT else {_PHYSICS_NAME: scene.physics}),
             **({_ASLEEP: self._physics.data.ptr.tree_asleep.copy()} if scene.sleeps else {}),
+            **self.changed_timestep,
+            **({NEXT_SEED: self._next_seed} if self._seed_stride else {}),
         }
 
     def set_state(self, state: Mapping[str, Any]) -> Mapping[str, np.ndarray]:
@@ -339,7 +389,16 @@ class Environment(composer.Environment):
         if found != own:
             raise ValueError(f"the state is of physics {checks.shown(found)}, but the environment has {own!r}")
         random = _checked_random(state.get("random"), self._random_state)
-        state = checks.matching({**state, "random": {}}, {**self.get_state(), "random": {}}, "state")
+        task = self._task
+        default = task.control_timestep if task.default_control_timestep is None else task.default_control_timestep
+        timestep = checks.number(state.get(CONTROL_TIMESTEP, default), f"state[{CONTROL_TIMESTEP!r}]", positive=True)
+        if timestep != task.control_timestep:
+            here = f"but those of the environment take {task.control_timestep:g} s"
+            raise ValueError(f"control steps of the state take {timestep:g} s, {here}")
+        next_seed = checked_next_seed(state) if self._seed_stride else UNKNOWN
+        # A seed may be larger than any of NumPy's integers.
+        checked = {"random": {}, **({NEXT_SEED: 0} if self._seed_stride else {})}
+        state = checks.matching({**state, **checked}, {**self.get_state(), **checked}, "state")
         step_count = checks.integer(state["step_count"].item(), "state['step_count']", minimum=0)
         if _ASLEEP in state:
             check_sleep(state[_ASLEEP])
@@ -360,6 +419,8 @@ class Environment(composer.Environment):
         self._observation_updater.reset(self._physics_proxy, self._random_state)
         # The random state goes last: a user's corruptor may have drawn for the observation.
         self._random_state.set_state(random)
+        if self._seed_stride:
+            self._seeded_state, self._next_seed = self._random_state, next_seed
         return self._flatten(self._observation_updater.get_observation())
 
     def add_extra_hook(self, hook_name: str, hook_callable: Any) -> None:
@@ -449,6 +510,16 @@ def legacy_generator(seed: int | None) -> np.random.Generator:
     bit_generator = np.random.MT19937()
     np.random.RandomState(bit_generator).set_state(make_random_state(seed).get_state(legacy=False))
     return np.random.Generator(bit_generator)
+
+
+def _first_seed(random: int | np.random.RandomState | None) -> int:
+    """Returns the seed of the first episode; a TypeError for a RandomState, and a drawn one for None."""
+    if random is None:
+        return int(np.random.default_rng().integers(2**32))
+    if isinstance(random, np.random.RandomState):
+        raise TypeError("episode_seeds counts from a seed: random must be an int or None, got a RandomState")
+    make_random_state(random)
+    return int(random)
 
 
 def _checked_random(stored: object, random_state: np.random.RandomState) -> dict[str, Any]:

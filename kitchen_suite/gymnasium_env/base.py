@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks, suite
 from kitchen_suite.domains.base import Domain
 from kitchen_suite.environment import Environment
+from kitchen_suite.environment.seeds import NEXT_SEED, UNKNOWN, checked_next_seed, checked_stride, known
 from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import Observations
 from kitchen_suite.names import EXACT
@@ -96,8 +97,10 @@ class SuiteEnv(gymnasium.Env):
         visuals: bool | None = None,
         render_quality: str = "high",
         physics: str | None = None,
+        control_timestep: float | None = None,
         obs_type: str | None = None,
         action_limit: float | None = None,
+        episode_seeds: bool | int = False,
         **arguments: Any,
     ) -> None:
         """Builds the environment; a bad argument raises a TypeError or ValueError that names it.
@@ -118,13 +121,21 @@ class SuiteEnv(gymnasium.Env):
           visuals: whether to build geoms and textures that only pictures need; when omitted, where there are pictures.
           render_quality: `high` or `fast`; see `Domain.load`.
           physics: `exact` or `fast`; the domain's when omitted; see `Domain.load`. With `fast`, infos have `physics`.
+          control_timestep: length of a control step [s]; the domain's when omitted; see `Domain.load`. Where it is
+            another one, infos have `control_timestep`. Step limits stay as many control steps.
           obs_type: observation type, such as `state` or `pixels_agent_pos`; the first of `obs_types` when omitted.
           action_limit: bound of the action space, for agents that need a finite one, to which actions are clipped; of
             control modes without bounds of their own. The space is unbounded when omitted.
+          episode_seeds: whether each reset without a seed has the next seed, which `np_random_seed` names: episode `k`
+            after `reset(seed=s)` is then that of `reset(seed=s + k)`, whatever the lengths of those before it, and the
+            one that `kitchen-record` plays as its `k`-th. A number is the distance between these seeds. Without it all
+            episodes after a seed draw from one stream.
           **arguments: of the domain's scene and task, documented there: among them `control_mode` with its arguments,
             `cameras`, `extra_observables` and `variations`.
         """
         record = suite.find_domain(domain or self.default_domain)
+        self._seed_stride = checked_stride(episode_seeds)
+        self._next_seed = UNKNOWN
         physics = record.physics if physics is None else physics
         self.check_keywords(record, arguments)
         obs_type = self.find_obs_type(obs_type)
@@ -151,6 +162,7 @@ class SuiteEnv(gymnasium.Env):
             visuals=with_visuals if visuals is None else checks.boolean(visuals, "visuals"),
             render_quality=render_quality,
             physics=physics,
+            control_timestep=control_timestep,
             # None stands for the domain's own control mode.
             **{name: value for name, value in options.items() if (name, value) != ("control_mode", None)},
         )
@@ -286,19 +298,26 @@ class SuiteEnv(gymnasium.Env):
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the info of the last step or reset, in fresh lists and arrays, without that of the variation."""
-        return {**self.composer_task.mdp.info(self.composer_task.state), "episode_step": np.array(self._episode_step)}
+        info = self.composer_task.mdp.info(self.composer_task.state)
+        return {**info, "episode_step": self._number(self._episode_step)}
+
+    def _number(self, value: float) -> Any:
+        """Returns a number as infos have it."""
+        return np.array(value)
 
     def _all_infos(self) -> dict[str, Any]:
-        """Returns the infos of the task and of its variation, and the physics unless it is the exact one."""
+        """Returns the infos of the task and of its variation, and physics and control timestep if not the default."""
+        timestep = {name: self._number(value) for name, value in self.environment.changed_timestep.items()}
         task = self.composer_task
         variation = task.variations.info if self.varies else {}
-        return {**self._get_info(), **task.episode.termination_info(), **variation, **self._physics_info}
+        return {**self._get_info(), **task.episode.termination_info(), **variation, **self._physics_info, **timestep}
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode; a bad argument raises a TypeError or ValueError that names it.
 
         Args:
-          seed: seed of the random stream, of any size; the stream continues when omitted.
+          seed: seed of the random stream, of any size; when omitted, the stream continues, or with `episode_seeds` that
+            of the next seed starts.
           options: `{"state": ...}` continues from a state returned by `get_state`; a seed beside it replaces only the
             random state. `{"variation": names}` has the parameters and groups that vary in this episode, of those of
             `variations`; the others have their defaults. `{"variation_values": {name: value}}` replaces values that
@@ -311,6 +330,7 @@ class SuiteEnv(gymnasium.Env):
         chosen = checks.reset_options(options, names, elsewhere=(RESET_MASK,))
         state = chosen.get(STATE)
         if state is None:
+            seed = self._next_seed_after(seed)
             own = self.composer_task.requests.checked(chosen)
             self.check_pictures(chosen)
             variations = self.composer_task.variations
@@ -353,6 +373,8 @@ class SuiteEnv(gymnasium.Env):
         if self.clips_actions:
             # NaN and inf must not be clipped away: check first. Without a limit only the task checks.
             action = self.clip_actions(checks.vector(action, self._action_size, "action"))
+        if self.environment.resets_next_step:
+            gymnasium.Env.reset(self, seed=self._next_seed_after(None))
         self._bind_random_state()
         timestep = self.environment.step(action)
         self._episode_step = 0 if timestep.first() else self._episode_step + 1
@@ -370,7 +392,8 @@ class SuiteEnv(gymnasium.Env):
     def get_state(self) -> dict[str, Any]:
         """Returns the state on which later steps depend, as nested dicts of strings, numbers and arrays."""
         self._bind_random_state()
-        return {**self.environment.get_state(), "episode_step": self._episode_step}
+        seed = {NEXT_SEED: self._next_seed} if self._seed_stride else {}
+        return {**self.environment.get_state(), "episode_step": self._episode_step, **seed}
 
     def set_state(self, state: Mapping[str, Any]) -> Any:
         """Sets a state returned by `get_state` of this environment, or of another one built with the same arguments.
@@ -381,10 +404,12 @@ class SuiteEnv(gymnasium.Env):
         if not isinstance(state, Mapping):
             raise TypeError(f"state must be a dict returned by get_state, got {checks.shown(state)}")
         step = checks.integer(state.get("episode_step"), "state['episode_step']", minimum=0)
+        own = ("episode_step", NEXT_SEED) if self._seed_stride else ("episode_step",)
+        next_seed = checked_next_seed(state) if self._seed_stride else UNKNOWN
         self._bind_random_state()
-        inner = {key: value for key, value in state.items() if key != "episode_step"}
+        inner = {key: value for key, value in state.items() if key not in own}
         observation = self._get_obs(self.environment.set_state(inner))
-        self._episode_step = step
+        self._episode_step, self._next_seed = step, next_seed
         return observation
 
     def render(self) -> np.ndarray | None:
@@ -399,11 +424,26 @@ class SuiteEnv(gymnasium.Env):
         if self.observations.has_pictures:
             self.environment.physics.free_context()
 
+    def _next_seed_after(self, seed: int | None) -> int | None:
+        """Returns the seed with which the next episode starts its stream; None where it draws from the present one.
+
+        Args:
+          seed: the one given to `reset`.
+
+        Raises:
+          ValueError: with `episode_seeds`, a generator was assigned in place of a seed, and has had its episode.
+        """
+        has_drawn = self._bound_random is self.np_random
+        return known(self._next_seed) if self._seed_stride and seed is None and has_drawn else seed
+
     def _bind_random_state(self) -> None:
         """Makes the suite's environment draw from `np_random`, which Gymnasium replaces at each seeding."""
         if self._bound_random is not self.np_random:
             self._bound_random = self.np_random
             self.environment.random_state = np.random.RandomState(self.np_random.bit_generator)
+            # Gymnasium's mark of a generator that was assigned.
+            has_seed = self._seed_stride and self.np_random_seed != -1
+            self._next_seed = self.np_random_seed + self._seed_stride if has_seed else UNKNOWN
 
 
 def suite_env(environment: gymnasium.Env) -> SuiteEnv:

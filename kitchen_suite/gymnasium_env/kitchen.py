@@ -272,7 +272,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         flat, goals = goal_rewards.flatten, self.composer_task.mdp.goals
         return flat(achieved, goals, "achieved_goal"), flat(desired, goals, "desired_goal")
 
-    def _number(self, value: int) -> int | NDArray:
+    def _number(self, value: float) -> Any:
         return np.array(value) if self.info_format == "arrays" else value
 
 

@@ -103,11 +103,13 @@ class EnvironmentSpec:
 
     @property
     def variations(self) -> str:
-        """Description of what varies between episodes, and of the physics unless it is exact, for a heading."""
+        """Description of what varies between episodes, of physics unless exact and of replaced control steps."""
         variations = self.argument("variations") or "none"
         names = variations if isinstance(variations, str) else ",".join(variations)
         split, physics = self.argument("variation_split"), self.argument("physics")
         heading = f"variations {names}" + (f" ({split})" if variations != "none" else "")
+        if (timestep := self.argument("control_timestep")) is not None:
+            heading = f"control steps of {timestep:g} s, {heading}"
         return heading if physics == EXACT else f"{physics} physics, {heading}"
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:

@@ -223,9 +223,11 @@ def _title(spec: EnvironmentSpec) -> str:
 
 
 def _in_mode(spec: EnvironmentSpec, name: str, value: Any) -> Any:
-    """Returns the value of an argument; where it is None, that of the environments' control mode, if it has it."""
+    """Returns the value of an argument; where it is None, that of the environments' control, if it has it."""
     if value is not None:
         return value
     with contextlib.closing(spec.make_environment()) as environment:
-        mode = suite_env(environment).composer_task.mdp.action_mode
-    return mode.name if name == "control_mode" else getattr(mode, name, None)
+        task = suite_env(environment).composer_task
+    mode = task.mdp.action_mode
+    own = {"control_mode": mode.name, "control_timestep": task.control_timestep}
+    return own[name] if name in own else getattr(mode, name, None)

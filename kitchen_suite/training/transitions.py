@@ -24,7 +24,7 @@ REACHED = 0.1
 _NEXT, _LATER = 0.2, 0.5
 
 # Arguments that may differ between a recording and the environments that a policy is evaluated in.
-_FREE = {"physics", "render_quality", "sleep", "variation_split", "variations"}
+_FREE = {"episode_seeds", "physics", "render_quality", "sleep", "variation_split", "variations"}
 
 
 class Transitions(NamedTuple):

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.environment.edits import ModelSnapshot
+from kitchen_suite.environment.seeds import checked_stride
 from kitchen_suite.gymnasium_env.base import RESET_MASK, STATE, VARIATION, VARIATION_VALUES, SuiteEnv
 from kitchen_suite.rendering.cameras import CameraParameters
 from kitchen_suite.vector_env import checks as vector_checks
@@ -65,6 +66,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         num_threads: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
+        episode_seeds: bool | int = False,
         **settings: Any,
     ) -> None:
         """Builds the environments; a bad argument raises a TypeError or ValueError that names it.
@@ -75,9 +77,13 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
           autoreset_mode: when an environment whose episode has ended starts the next one: `NextStep`, `SameStep`, or
             `Disabled` for a call of `reset` with a `reset_mask`; see `step`.
           max_episode_steps: control steps after which an episode truncates; never when omitted or -1.
+          episode_seeds: whether each episode has a seed of its own, which `np_random_seed` names: the `k`-th one of
+            environment `i`, after `reset(seed=s)`, has the seed `s + i + k * num_envs`, so that no two are equal. A
+            number is the distance between the seeds of successive episodes, in place of `num_envs`.
           **settings: arguments of the single environment.
         """
         self.num_envs = checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
+        seed_stride = checked_stride(episode_seeds, true=self.num_envs)
         threads = processors() if num_threads is None else num_threads
         checks.integer(threads, "num_threads", minimum=1, maximum=checks.MAX_THREADS)
         modes = [mode.value for mode in AutoresetMode]
@@ -106,7 +112,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         environments = [self.template_of(i).environment for i in range(self.num_envs)]
         self._tasks = [environment.task for environment in environments]
-        self._episodes = BatchEpisodes(environments, threads, sorted(written))
+        self._episodes = BatchEpisodes(environments, threads, written=sorted(written), seed_stride=seed_stride)
         self._pictures = BatchPictures(environments, self._episodes)
         self._ended = np.zeros(self.num_envs, bool)
         self._everyone, self._no_one = np.full(self.num_envs, True), np.full(self.num_envs, False)
@@ -233,7 +239,8 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         A bad argument raises a TypeError or ValueError that names it.
 
         Args:
-          seed: environment `i` is seeded with `seed + i`, or with element `i` of a sequence.
+          seed: environment `i` is seeded with `seed + i`, or with element `i` of a sequence. Without one, and for None
+            in a sequence, its stream continues, or with `episode_seeds` that of its next seed starts.
           options: `{"reset_mask": mask}`, with a bool array `(n,)`, starts episodes only where the mask is True;
             `variation` and `variation_values` as for the single environment, values with a leading axis `(n,)`; options
             of the task, in sequences with an element for each environment; others are ignored, as by the single one.

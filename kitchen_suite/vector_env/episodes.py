@@ -27,12 +27,14 @@ class Stream:
       generator: Gymnasium's generator for the seed.
       seed: the seed; drawn by Gymnasium when `None` is passed.
       random_state: a RandomState over the generator's bit generator.
+      has_episode: whether an episode has started with it.
     """
 
     def __init__(self, seed: int | None) -> None:
         """Starts the stream."""
         self.generator, self.seed = gymnasium.utils.seeding.np_random(seed)
         self.random_state = np.random.RandomState(self.generator.bit_generator)
+        self.has_episode = False
 
 
 class BatchEpisodes:
@@ -48,7 +50,14 @@ class BatchEpisodes:
       has_moved: `(n,)`, whether an episode has been started or stepped since a reader of this set it to False.
     """
 
-    def __init__(self, environments: Sequence[Environment], threads: int, written: Collection[str] = ()) -> None:
+    def __init__(
+        self,
+        environments: Sequence[Environment],
+        threads: int,
+        *,
+        written: Collection[str] = (),
+        seed_stride: int = 0,
+    ) -> None:
         """Builds the simulations; `start` starts the episodes.
 
         Args:
@@ -56,7 +65,9 @@ class BatchEpisodes:
             compiled, and their tasks differ in what is part of states and sensors alone. Nothing else may step them.
           threads: number of threads that step the episodes, including the calling one.
           written: fields of the model that the tasks' own code writes at resets, beside what varies.
+          seed_stride: by how much the seed of each next episode is greater; 0 where it continues the stream.
         """
+        self._seed_stride = seed_stride
         count, distinct = len(environments), [*dict.fromkeys(environments)]
         _check_robots(distinct)
         self._environments, self._task = environments, distinct[0].task
@@ -154,7 +165,7 @@ class BatchEpisodes:
         arrays = self.state.arrays()
         for i in indices.tolist():
             environment = self._environments[i]
-            environment.random_state, task = self.streams[i].random_state, environment.task
+            environment.random_state, task = self._stream_of_next(i).random_state, environment.task
             if i in self._variation_requests:
                 task.variations.follow(self._variation_requests.pop(i))
             if i in self._task_requests:
@@ -177,6 +188,13 @@ class BatchEpisodes:
             self._place_fixed_bodies(indices)
         if self._mdp.action_mode.reads_derived:
             self.batch.forward(indices, self._stage)
+
+    def _stream_of_next(self, i: int) -> Stream:
+        """Returns the random stream of the next episode of environment `i`."""
+        if self._seed_stride and self.streams[i].has_episode:
+            self.streams[i] = Stream(self.streams[i].seed + self._seed_stride)
+        self.streams[i].has_episode = True
+        return self.streams[i]
 
     def _place_fixed_bodies(self, indices: NDArray[np.int64]) -> None:
         """Computes the poses of all bodies in some simulations, as `Variations.place_fixed` does in one."""
@@ -258,10 +276,12 @@ class BatchEpisodes:
         }
 
     def variation_info(self) -> dict[str, Any]:
-        """Returns the infos on variation and physics: fresh arrays `(n, ...)`, and nested dicts of these."""
+        """Returns the infos on variation, physics and control step: fresh arrays `(n, ...)`, and dicts of these."""
         physics = self._task.scene.physics
         named = {} if physics == EXACT else {PHYSICS: np.full(self.steps.shape, physics, object)}
-        return {**vector_checks.copied(self.state.variation), **named}
+        changed = self._environments[0].changed_timestep.items()
+        timestep = {name: np.full(self.steps.shape, value) for name, value in changed}
+        return {**vector_checks.copied(self.state.variation), **named, **timestep}
 
     def masked_variation_info(self) -> dict[str, Any]:
         """Returns the infos on variation and physics beside masks that are True everywhere, in read-only arrays.

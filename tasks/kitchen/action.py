@@ -1,15 +1,18 @@
 """The kitchen's own control modes: nine joint velocities, or positions, as targets of the servos."""
 
+import functools
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import numpy as np
+from dm_control import mjcf
 from dm_env import specs
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import ROBOT_POSITIONS
@@ -28,7 +31,17 @@ POSITION_LOW = np.array([-2.9, -1.8, -2.9, -3.1, -2.9, 0.0, -2.9, 0.0, 0.0])
 POSITION_HIGH = np.array([2.9, 1.8, 2.9, 0.0, 2.9, 3.8, 2.9, 0.04, 0.04])
 
 
-class JointVelocity(ActionMode):
+class _KitchenMode(ActionMode):
+    """A control mode that depends on the length of the control step."""
+
+    # Before a scene is compiled.
+    _timestep = CONTROL_TIMESTEP
+
+    def bind(self, physics: mjcf.Physics, robot: Robot, timestep: float) -> None:
+        self._timestep = timestep
+
+
+class JointVelocity(_KitchenMode):
     """`joint_velocity`: nine joint velocities, integrated over the control step from present positions."""
 
     name = "joint_velocity"
@@ -51,11 +64,11 @@ class JointVelocity(ActionMode):
         self, simulation: Simulation, state: KitchenState, command: tuple[()], action: Array, draw: Array | float
     ) -> tuple[Array, tuple[()]]:
         positions = feedback_positions(state, self.feedback)
-        target = position_target(positions, action, velocity_scale=self.velocity_scale, timestep=CONTROL_TIMESTEP)
+        target = position_target(positions, action, velocity_scale=self.velocity_scale, timestep=self._timestep)
         return target, command
 
 
-class KitchenJointPosition(ActionMode):
+class KitchenJointPosition(_KitchenMode):
     """`joint_position`: nine joint positions; as Diffusion Policy's kitchen, but in an order that rounds nothing."""
 
     name = "joint_position"
@@ -77,12 +90,12 @@ class KitchenJointPosition(ActionMode):
         )
 
     def conversion(self, mode: str) -> Callable[[NDArray, NDArray], Array] | None:
-        return _observed_target if mode == JointVelocity.name else None
+        return functools.partial(_observed_target, self._timestep) if mode == JointVelocity.name else None
 
     def control(
         self, simulation: Simulation, state: KitchenState, command: tuple[()], action: Array, draw: Array | float
     ) -> tuple[Array, tuple[()]]:
-        positions, step = feedback_positions(state, self.feedback), VELOCITY_LIMIT * CONTROL_TIMESTEP
+        positions, step = feedback_positions(state, self.feedback), VELOCITY_LIMIT * self._timestep
         near = np.minimum(np.maximum(action, positions - step), positions + step)
         return np.minimum(np.maximum(near, POSITION_LOW), POSITION_HIGH), command
 
@@ -102,10 +115,10 @@ def feedback_positions(state: KitchenState, feedback: str) -> Array:
     return state.positions + state.noise[..., ROBOT_POSITIONS]
 
 
-def _observed_target(state: NDArray, action: NDArray) -> Array:
+def _observed_target(timestep: float, state: NDArray, action: NDArray) -> Array:
     """Returns the targets `(9,)` of `joint_velocity`, with its defaults, given the observed state [rad, m]."""
     scale, action = JointVelocity().velocity_scale, np.asarray(action, np.float64)
-    return position_target(state[ROBOT_POSITIONS], action, velocity_scale=scale, timestep=CONTROL_TIMESTEP)
+    return position_target(state[ROBOT_POSITIONS], action, velocity_scale=scale, timestep=timestep)
 
 
 def position_target(positions: Array, action: Array, *, velocity_scale: float, timestep: float) -> Array:

@@ -2,6 +2,7 @@
 
 import abc
 import dataclasses
+import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar, Self
 
@@ -87,7 +88,12 @@ class Expert(abc.ABC):
         """Builds the expert as `for_task`, also where it does not observe all objects that it would move."""
         mode = task.mdp.action_mode
         settings = mode.settings if options.get("control_mode", mode.name) == mode.name else {}
-        return cls(**{"control_mode": mode.name, **settings, **cls._task_settings(task), **options})
+        expert = cls(**{"control_mode": mode.name, **settings, **cls._task_settings(task), **options})
+        timestep = expert.encoder.arm.timestep
+        if not math.isclose(task.control_timestep, timestep):
+            found = f"not of {task.control_timestep:g} s"
+            raise ValueError(f"the expert acts in control steps of {timestep:g} s, {found}: leave out control_timestep")
+        return expert
 
     @classmethod
     def missing_in(cls, task: Any) -> list[str]:
