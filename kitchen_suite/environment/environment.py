@@ -279,6 +279,22 @@ class Environment(composer.Environment):
         key = control.FLAT_OBSERVATION_KEY
         return collections.OrderedDict({key: specs.Array((size,), dtype, name=key)})
 
+    def compile_model(self) -> None:
+        """Compiles the model as the first reset does, unless that has happened.
+
+        A reset then keeps the model and its data, to which callers can hold references. The state of an episode that
+        `set_state` started is kept.
+        """
+        if not self._mjcf_never_compiled:
+            return
+        state = None if self._reset_next_step else self.get_state()
+        self._hooks.initialize_episode_mjcf(self._random_state)
+        self._recompile_physics_and_update_observables()
+        self._mjcf_never_compiled = False
+        self._plan_substeps()
+        if state is not None:
+            self.set_state(state)
+
     def start_episode(self) -> None:
         """Starts an episode as `reset` does once the model is compiled, but does not update the observation."""
         with self._physics.reset_context():
