@@ -196,6 +196,8 @@ class Environment(composer.Environment):
     - `get_state` and `set_state` save and restore the environment in the middle of an episode.
     """
 
+    _mjcf_never_compiled: bool
+
     def __init__(
         self,
         task: SuiteTask,

@@ -143,8 +143,8 @@ class Goals(dict[str, NDArray[np.float64]]):
     def _refuse(self, *args: object, **kwargs: object) -> NoReturn:
         raise TypeError("goals of an environment are fixed: pass goals={task: positions} to gymnasium.make")
 
-    __setitem__ = __delitem__ = __ior__ = _refuse  # type: ignore[assignment]
-    clear = pop = popitem = setdefault = update = _refuse  # type: ignore[assignment]
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
 
     def __reduce__(self) -> tuple[Any, ...]:
         return dict, (dict(self),)
@@ -308,7 +308,7 @@ class RobotEnv(Explained):
         return self._env.np_random
 
     @Fixed.by("it follows from control_mode, an argument of gymnasium.make")
-    def action_space(self) -> spaces.Box:
+    def action_space(self) -> spaces.Space:
         return self._env.action_space
 
     @Fixed.by("pass render_mode to gymnasium.make")
@@ -495,14 +495,30 @@ class OriginalEnv(Explained, SuiteEnv):
             given = options or {}
             own = {} if given.get(STATE) is not None else {START_STATE: start}
             options = {**own, **given}
-        return super().reset(seed=seed, options=options)
+        result = super().reset(seed=seed, options=options)
+        if self._is_handed_out:
+            self._derive()
+        return result
 
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Makes one control step; see `SuiteEnv.step`."""
-        if self._is_handed_out:
-            # dm_control's step begins with forces at the positions of the last step; what was written must act at once.
-            mujoco.mj_step1(self.model, self.data)
-        return super().step(action)
+        if not self._is_handed_out:
+            return super().step(action)
+        # dm_control's step begins with forces at the positions of the last step; what was written must act at once.
+        mujoco.mj_step1(self.model, self.data)
+        result = super().step(action)
+        self._derive()
+        return result
+
+    def _derive(self) -> None:
+        """Computes what programs may read of the present state: dm_control's step leaves out forces and accelerations.
+
+        The solver's warm start stays that of the last physics step, on which the next one depends.
+        """
+        warm_start = self.data.qacc_warmstart.copy()
+        mujoco.mj_forward(self.model, self.data)
+        mujoco.mj_rnePostConstraint(self.model, self.data)
+        self.data.qacc_warmstart[:] = warm_start
 
 
 def _missing(owner: Any, name: str) -> AttributeError:

@@ -12,6 +12,7 @@ from helpers.errors import refused
 from helpers.original import original_environment, random_actions
 
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
+from kitchen_suite.gymnasium_env.original import NAMES
 
 MICROWAVE = 22  # Element of qpos.
 KETTLE = slice(23, 26)  # Elements of qpos and qvel.
@@ -223,6 +224,35 @@ def test_data_that_is_only_read_changes_no_number(options):
         assert_equal(one.step(action), other.step(action))
 
 
+def test_derived_quantities_are_those_of_the_present_state():
+    """The original leaves them as they were before the last physics step; after `mj_forward` both are equal."""
+    ours = FrankaKitchenEnv()
+    here = ours.data
+    with original_environment() as original:
+        there, names = original.data, original.robot_env.model_names
+        bodies = [
+            (number, names.body_name2id[name]) for name, number in ours.robot_env.model_names.body_name2id.items()
+        ]
+        ours.reset(seed=0)
+        original.reset(seed=0)
+        touched = 0
+        for action in ACTIONS:
+            ours.step(action)
+            original.step(action)
+            np.testing.assert_array_equal(here.qacc_warmstart, there.qacc_warmstart)
+            warm_start = there.qacc_warmstart.copy()
+            mujoco.mj_forward(original.model, there)
+            mujoco.mj_rnePostConstraint(original.model, there)
+            there.qacc_warmstart[:] = warm_start
+            for field in ("qacc", "qfrc_constraint", "qfrc_actuator", "actuator_force"):
+                np.testing.assert_array_equal(getattr(here, field), getattr(there, field), field)
+            for i, j in bodies:
+                np.testing.assert_array_equal(here.xpos[i], there.xpos[j])
+                np.testing.assert_array_equal(here.cfrc_ext[i], there.cfrc_ext[j])
+            touched += np.abs(here.cfrc_ext).max() > 0.1
+        assert touched > 10
+
+
 def test_joints_have_the_originals_order_and_names():
     ours = FrankaKitchenEnv()
     names = ours.robot_env.model_names
@@ -232,7 +262,7 @@ def test_joints_have_the_originals_order_and_names():
         assert names.joint_names == expected.joint_names
         assert names.actuator_name2id == expected.actuator_name2id
         for kind in ("body", "site"):
-            assert set(getattr(names, f"{kind}_names")) <= set(getattr(expected, f"{kind}_names"))
+            assert set(getattr(names, f"{kind}_names")) == set(NAMES[kind]) <= set(getattr(expected, f"{kind}_names"))
         mujoco.mj_forward(original.model, original.data)
         ours.robot_env.set_state(original.data.qpos, original.data.qvel)
         for kind in ("body", "site"):
