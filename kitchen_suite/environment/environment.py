@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY
 from kitchen_suite.environment.composer import check_private_names
+from kitchen_suite.environment.named import NamedData, NamedModel, Names
 from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import gl
 from kitchen_suite.tasks.observables import Camera as PictureCamera
@@ -55,6 +56,10 @@ class Physics(mjcf.Physics):
                 self._cameras[key] = Camera(self, height, width, camera_id)
             # A copy, since a camera draws all its images into the same array.
             return np.array(self._cameras[key].render(*arguments, **options))
+
+    def use_names(self, names: Names) -> None:
+        """Makes joints, actuators, bodies and sites of model and data be found by further names as well."""
+        self._reload_from_data(MjData(NamedData(NamedModel.copy_of(self.model.ptr, names))))
 
     def free_context(self) -> None:
         """Frees the GL context; the next picture makes another."""
@@ -194,8 +199,13 @@ class Environment(composer.Environment):
     - After a `PhysicsError` the next `step` starts a new episode.
     - With `flat_observation` the observation is one array, as in dm_control's suite.
     - `get_state` and `set_state` save and restore the environment in the middle of an episode.
+
+    Attributes:
+      further_names: names by which programs find joints, actuators, bodies and sites of a model that is compiled from
+        now on, beside their own; see `named`.
     """
 
+    further_names: Names | None = None
     _mjcf_never_compiled: bool
 
     def __init__(
@@ -410,6 +420,8 @@ class Environment(composer.Environment):
         if physics := getattr(self, "_physics", None):
             physics.free()
         self._physics = Physics.from_mjcf_model(self._task.root_entity.mjcf_model)
+        if self.further_names is not None:
+            self._physics.use_names(self.further_names)
         self._physics.legacy_step = self._legacy_step
         self._is_shared = shared_elements(self._physics.model.ptr)
 

@@ -19,12 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY, asset_dir
 from kitchen_suite.gymnasium_env.base import STATE, SuiteEnv
+from kitchen_suite.tasks.kitchen.observation import Parts
 from kitchen_suite.tasks.kitchen.requests import START_STATE
 
 if TYPE_CHECKING:
     from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 
-# The suite's own names of what the original calls otherwise, by kind and the original's name.
+# The suite's own names of what the original calls otherwise, by kind and the original's name. Model and data find
+# elements by either.
 NAMES: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         "joint": {
@@ -106,7 +108,6 @@ _INSTEAD = {
     "reset_model": "call `reset()` of the whole environment; it starts from `init_qpos`",
     "reset": "call `reset()` of the whole environment; it starts from `init_qpos`",
     "step": "call `step(action)` of the whole environment, or `do_simulation(ctrl, n_frames)`",
-    "_get_obs": "`reset(options={'start_state': qpos})` of the whole environment returns the observation of a state",
 }
 
 _SUITE = (
@@ -117,7 +118,7 @@ _SUITE = (
 
 
 class Fixed:
-    """An attribute that can be read, and cannot be assigned: the AttributeError says what sets its value."""
+    """An attribute that can be read, and assigned only the value it has: the AttributeError says what sets another."""
 
     def __init__(self, read: Callable[[Any], Any], way: str) -> None:
         self._read, self._way, self.__doc__ = read, way, read.__doc__
@@ -133,7 +134,11 @@ class Fixed:
     def __get__(self, instance: Any, owner: type) -> Any:
         return self if instance is None else self._read(instance)
 
-    def __set__(self, instance: Any, value: object) -> NoReturn:
+    def __set__(self, instance: Any, value: object) -> None:
+        present = self._read(instance)
+        are_simple = all(isinstance(each, bool | float | int | str) for each in (value, present))
+        if value is present or (are_simple and value == present):
+            return
         raise AttributeError(f"{self._name} of {type(instance).__name__} cannot be assigned: {self._way}")
 
 
@@ -329,6 +334,50 @@ class RobotEnv(Explained):
     def unwrapped(self) -> Self:
         return self
 
+    # Programs use these two private names for want of public ones.
+    @property
+    def _last_robot_qpos(self) -> NDArray[np.float64]:
+        """Observed positions `(9,)` from which the next action starts [rad, m]; may be assigned."""
+        state = self._env.composer_task.state
+        return state.positions + state.noise[self._parts.robot_positions]
+
+    @_last_robot_qpos.setter
+    def _last_robot_qpos(self, value: ArrayLike) -> None:
+        task = self._env.composer_task
+        positions = checks.vector(value, task.state.positions.size, "_last_robot_qpos").copy()
+        noise = task.state.noise.copy()
+        noise[self._parts.robot_positions] = 0.0
+        task.set_mdp_state(task.state._replace(positions=positions, noise=noise))
+
+    def _get_obs(self) -> NDArray[np.float64]:
+        """Returns the robot's positions and velocities, `(18,)`, with fresh noise; the next action starts from them."""
+        mdp = self._env.composer_task.mdp
+        positions = self.data.qpos[mdp.sensors.indices.robot_qpos] + self._draw_noise(self._parts.robot_positions)
+        velocities = self.data.qvel[mdp.sensors.indices.robot_qvel] + self._draw_noise(self._parts.robot_velocities)
+        self._last_robot_qpos = positions
+        return np.concatenate([positions, velocities])
+
+    def observation_with(self, robot: NDArray[np.float64]) -> dict[str, Any]:
+        """Returns the original's observation of the present state, given the robot's part `(18,)` of it."""
+        goals = self._env.composer_task.mdp.goals
+        indices = self._env.composer_task.mdp.sensors.indices
+        positions = self.data.qpos[indices.object_qpos] + self._draw_noise(self._parts.object_positions)
+        velocities = self.data.qvel[indices.object_qvel] + self._draw_noise(self._parts.object_velocities)
+        return {
+            "observation": np.concatenate([robot, positions, velocities]),
+            "achieved_goal": goals.split(self.data.qpos[indices.goal_qpos]),
+            "desired_goal": goals.split(goals.desired.copy()),
+        }
+
+    @property
+    def _parts(self) -> Parts:
+        return self._env.composer_task.mdp.sensors.parts
+
+    def _draw_noise(self, part: slice) -> NDArray[np.float64]:
+        """Draws the noise of a part of the observation."""
+        scale = self._env.composer_task.mdp.noise_scale[part]
+        return scale * self._env.np_random.uniform(low=-1.0, high=1.0, size=scale.shape)
+
     def set_state(self, qpos: ArrayLike, qvel: ArrayLike) -> None:
         """Sets the positions `(30,)` and velocities `(29,)` of all joints, and computes what follows from them.
 
@@ -347,7 +396,7 @@ class RobotEnv(Explained):
 
     def get_body_com(self, body_name: str) -> NDArray[np.float64]:
         """Returns the position `(3,)` of a body's frame, by the original's name or the model's [m]."""
-        return self.data.body(NAMES["body"].get(body_name, body_name)).xpos
+        return self.data.body(body_name).xpos
 
     def do_simulation(self, ctrl: ArrayLike, n_frames: int) -> None:
         """Makes physics steps with the actuators' targets `(9,)` [rad, m]; no control step, no observation."""
@@ -366,6 +415,11 @@ class OriginalEnv(Explained, SuiteEnv):
 
     _object_noise_ratio: float
     _robot_noise_ratio: float
+
+    def __init__(self, **arguments: Any) -> None:
+        """Builds the environment; arguments as of `SuiteEnv`."""
+        super().__init__(**arguments)
+        self.environment.further_names = NAMES
 
     @functools.cached_property
     def robot_env(self) -> RobotEnv:
@@ -509,6 +563,16 @@ class OriginalEnv(Explained, SuiteEnv):
         result = super().step(action)
         self._derive()
         return result
+
+    def _get_obs(self, observation: Any) -> Any:
+        """Returns an observation of the suite's environment in the observation space; stores it.
+
+        Given an array of `robot_env._get_obs()`, as programs do after they have set a state, returns as the original
+        the observation of the present state, with fresh noise of the objects' part.
+        """
+        if not isinstance(observation, np.ndarray):
+            return super()._get_obs(observation)
+        return self.robot_env.observation_with(observation)
 
     def _derive(self) -> None:
         """Computes what programs may read of the present state: dm_control's step leaves out forces and accelerations.

@@ -169,9 +169,47 @@ def follow_hand(env):
     names, jacobian = env.robot_env.model_names, np.zeros((3, env.model.nv))
     mujoco.mj_jacSite(env.model, env.data, jacobian, None, names.site_name2id["end_effector"])
     seen.append(jacobian)
+    hand = (env.data.body("panda0_leftfinger").xpos + env.data.body("panda0_rightfinger").xpos) / 2.0
+    seen += [hand, env.data.joint("kettle").qpos.copy()]
     seen += [env.data.site(names.site_name2id[name]).xpos.copy() for name in ("end_effector", "microhandle_site")]
     seen += [env.data.xpos[names.body_name2id[name]].copy() for name in ("panda0_link7", "slidelink", "kettle")]
     seen.append(env.data.joint(names.joint_name2id["slide_cabinet"]).qpos.copy())
+    return seen
+
+
+def move_by_name(env):
+    """Sets joints by the names of tasks, as programs do that take images of goals."""
+    env.reset(seed=13)
+    for name, position in (("microwave", -0.7), ("slide_cabinet", 0.3), ("knob_Joint_2", -0.8)):
+        env.data.joint(name).qpos = position
+    env.data.joint("kettle").qpos[:3] += 0.02
+    env.data.actuator("r_gripper_finger_joint").ctrl = 0.03
+    env.model.joint("microwave").damping = 0.0
+    env.model.jnt("light_switch").range[:] = [-0.5, 0.0]
+    env.model.body("kettleroot").mass *= 2
+    return steps(env, 10)
+
+
+def observe_set_states(env):
+    """Starts from states of a dataset, and observes them in the only way that the original has."""
+    env.reset(seed=14)
+    seen = []
+    for opening in (-0.3, -0.6):
+        qpos = env.robot_env.init_qpos.copy()
+        qpos[MICROWAVE] = opening
+        env.robot_env.set_state(qpos, np.full(29, 0.1))
+        observation = env._get_obs(env.robot_env._get_obs())
+        seen += [observation, env.robot_env._last_robot_qpos.copy(), steps(env, 2)]
+    return seen
+
+
+def track_setpoints(env):
+    """Makes the next action start from the last setpoint, not from the observed positions."""
+    env.reset(seed=15)
+    seen = []
+    for _ in range(3):
+        seen.append(steps(env, 1))
+        env.robot_env._last_robot_qpos = np.clip(env.data.ctrl, env.data.qpos[:9] - 0.1, env.data.qpos[:9] + 0.1)
     return seen
 
 
@@ -197,6 +235,9 @@ PROGRAMS = (
     push,
     control_joints,
     follow_hand,
+    move_by_name,
+    observe_set_states,
+    track_setpoints,
     read_ranges,
 )
 
@@ -267,7 +308,8 @@ def test_joints_have_the_originals_order_and_names():
         ours.robot_env.set_state(original.data.qpos, original.data.qvel)
         for kind in ("body", "site"):
             for name, number in getattr(names, f"{kind}_name2id").items():
-                here, there = getattr(ours.data, kind)(number), getattr(original.data, kind)(name)
+                here, there = getattr(ours.data, kind)(name), getattr(original.data, kind)(name)
+                assert here.id == getattr(ours.model, kind)(NAMES[kind][name]).id == number
                 np.testing.assert_array_equal(here.xpos, there.xpos, name)
                 np.testing.assert_array_equal(here.xmat, there.xmat, name)
 
@@ -299,7 +341,7 @@ def test_no_assignment_is_ignored():
             values = {name for name in public(there) if not callable(getattr(there, name))}
             for name in values - acting - {"robot_env", "render_mode"}:
                 with refused(AttributeError, name):
-                    setattr(here, name, 0)
+                    setattr(here, name, -1.5)
     with refused(AttributeError, "goal", "goals="):
         ours.goal = {}
     with refused(TypeError, "goals="):
@@ -328,7 +370,7 @@ def test_the_ways_that_errors_name_work():
     np.testing.assert_array_equal(ours.data.qpos, start)
 
 
-@pytest.mark.parametrize("name", ["sim", "viewer", "datta", "_get_obs_dict", "get_env_state", "__no_such__"])
+@pytest.mark.parametrize("name", ["sim", "viewer", "datta", "_obs_dict", "get_env_state", "__no_such__"])
 def test_an_attribute_that_is_missing_is_an_attribute_error(name):
     ours = FrankaKitchenEnv()
     assert not hasattr(ours, name)
@@ -339,6 +381,14 @@ def test_an_attribute_that_is_missing_is_an_attribute_error(name):
     assert raised.value.name == name
     if not name.startswith("__"):
         assert "env.unwrapped.environment.physics" in str(raised.value)
+
+
+def test_an_attribute_may_be_assigned_the_value_it_has():
+    ours = FrankaKitchenEnv(render_mode="rgb_array")
+    ours.robot_env.render_mode = "rgb_array"
+    ours.terminate_on_tasks_completed = True
+    ours.robot_env.data = ours.data
+    assert ours.robot_env.render_mode == "rgb_array"
 
 
 def test_near_names_are_suggested():
