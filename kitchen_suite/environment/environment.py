@@ -22,6 +22,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY
 from kitchen_suite.environment.composer import check_private_names
 from kitchen_suite.environment.edits import MjcfSnapshot
+from kitchen_suite.environment.named import NamedData, NamedModel, Names
 from kitchen_suite.environment.seeds import NEXT_SEED, UNKNOWN, checked_next_seed, checked_stride, known
 from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import gl
@@ -60,6 +61,10 @@ class Physics(mjcf.Physics):
                 self._cameras[key] = Camera(self, height, width, camera_id)
             # A copy, since a camera draws all its images into the same array.
             return np.array(self._cameras[key].render(*arguments, **options))
+
+    def use_names(self, names: Names) -> None:
+        """Makes joints, actuators, bodies and sites of model and data be found by further names as well."""
+        self._reload_from_data(MjData(NamedData(NamedModel.copy_of(self.model.ptr, names))))
 
     def free_context(self) -> None:
         """Frees the GL context; the next picture makes another."""
@@ -210,6 +215,7 @@ class Environment(composer.Environment):
     - With `episode_seeds` each episode starts its own random stream.
     """
 
+    _mjcf_never_compiled: bool
     _random_state: np.random.RandomState
 
     def __init__(
@@ -220,6 +226,7 @@ class Environment(composer.Environment):
         *,
         flat_observation: bool = False,
         episode_seeds: bool | int = False,
+        further_names: Names | None = None,
         **kwargs: Any,
     ) -> None:
         """Builds the environment; a bad argument raises a TypeError or ValueError that names it.
@@ -233,10 +240,13 @@ class Environment(composer.Environment):
             on the seed `random_state + k` alone, not on the episodes before it, and is the one that `kitchen-rollout`
             plays as its `k`-th. A number is the distance between these seeds. Without it all episodes draw from one
             stream.
+          further_names: names by which programs find joints, actuators, bodies and sites of the compiled model, beside
+            their own; see `named`.
           **kwargs: further arguments of `composer.Environment`.
         """
         if not time_limit > 0:
             raise ValueError(f"time_limit must be positive, got {checks.shown(time_limit)}")
+        self._further_names = further_names
         self._seed_stride = checked_stride(episode_seeds)
         if self._seed_stride:
             if kwargs.get("fixed_initial_state"):
@@ -474,6 +484,8 @@ class Environment(composer.Environment):
             physics.free()
         root = self._task.root_entity.mjcf_model
         self._physics = Physics.from_mjcf_model(root)
+        if self._further_names is not None:
+            self._physics.use_names(self._further_names)
         self._physics.legacy_step = self._legacy_step
         self._is_shared = shared_elements(self._physics.model.ptr)
         self._compiled_mjcf = MjcfSnapshot(root)

@@ -59,6 +59,7 @@ class SuiteEnv(gymnasium.Env):
       array_options: arguments with which infos are arrays of fixed shape alone, which can be recorded.
       flat_options: arguments with which goals are arrays as well, as a network needs them.
       goal_options: names of the arguments on which the meaning of observed goals depends.
+      environment_options: further arguments of the suite's environment.
     """
 
     metadata = {"render_modes": list(rendering.RENDER_MODES)}
@@ -71,6 +72,7 @@ class SuiteEnv(gymnasium.Env):
     array_options: ClassVar[Mapping[str, Any]] = {}
     flat_options: ClassVar[Mapping[str, Any]] = {}
     goal_options: ClassVar[tuple[str, ...]] = ()
+    environment_options: ClassVar[Mapping[str, Any]] = {}
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """Stores the arguments, from which copies are built."""
@@ -163,6 +165,7 @@ class SuiteEnv(gymnasium.Env):
             render_quality=render_quality,
             physics=physics,
             control_timestep=control_timestep,
+            environment_kwargs=self.environment_options,
             # None stands for the domain's own control mode.
             **{name: value for name, value in options.items() if (name, value) != ("control_mode", None)},
         )

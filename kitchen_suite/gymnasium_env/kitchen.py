@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import observations
-from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT, SuiteEnv
+from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT
+from kitchen_suite.gymnasium_env.original import OriginalEnv
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
@@ -95,7 +96,7 @@ class KitchenObservations(observations.Observations):
         return np.broadcast_to(self._mdp.goals.desired, state.achieved.shape).copy()
 
 
-class FrankaKitchenEnv(SuiteEnv, GoalEnv):
+class FrankaKitchenEnv(OriginalEnv, GoalEnv):
     """FrankaKitchen-v1, keyword for keyword and key for key, over `KitchenTask`.
 
     Observation: a dict of `observation` (59 numbers, float64; table in docs/domains/kitchen.md), `achieved_goal` and
@@ -121,12 +122,12 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     Info, always: `is_success`, whether all tasks that the episode asks for have been completed, and `episode_step`;
       numbers, or arrays of shape `()` with `info_format="arrays"`.
 
-    Attributes:
+    Attributes, beside those of the original, which `OriginalEnv` has:
       info_format: `lists` or `arrays`.
       has_instructions: whether infos have the task's sentence.
     """
 
-    metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
+    metadata = {**OriginalEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
     default_domain = "kitchen"
     obs_types = tuple(observations.OBS_TYPES)
     default_cameras = ("workspace",)
@@ -177,6 +178,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             robot_noise_ratio=robot_noise_ratio,
             **arguments,
         )
+        self._object_noise_ratio = float(object_noise_ratio)
+        self._robot_noise_ratio = float(robot_noise_ratio)
         if self.has_instructions and not self.instruction:
             name = type(self.composer_task).__name__
             raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")

@@ -66,6 +66,10 @@ class Renderer:
 
     def render(self, environment: Environment, render_mode: str) -> np.ndarray | None:
         """Returns an image, or shows it in a window; raises a RuntimeError if no GL library works here."""
+        return self.mujoco_renderer(environment).render(render_mode)
+
+    def mujoco_renderer(self, environment: Environment) -> mujoco_rendering.MujocoRenderer:
+        """Returns Gymnasium's own renderer, which makes its GL context for the first image."""
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
         if self._renderer is not None and self._renderer.model is not model:
             # The model has been compiled again.
@@ -75,7 +79,7 @@ class Renderer:
             framebuffer.offwidth = max(framebuffer.offwidth, self._settings["width"])
             framebuffer.offheight = max(framebuffer.offheight, self._settings["height"])
             self._renderer = _MujocoRenderer(model, data, **self._settings)
-        return self._renderer.render(render_mode)
+        return self._renderer
 
     def close(self) -> None:
         """Frees the GL context; the next picture makes another."""

@@ -162,7 +162,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             checks.choice(name, SHARED_ATTRIBUTES, "attribute")
         except ValueError as error:
             # As Gymnasium's vectors do, so that callers can ask whether an attribute exists.
-            raise AttributeError(str(error)) from error
+            raise AttributeError(
+                f"{error}. The environments are simulated together, so that infos and `present_observation` hold what "
+                "differs between them. Gymnasium's own vector has the attributes and methods of each single "
+                "environment: gymnasium.make_vec(id, num_envs, vectorization_mode='sync')"
+            ) from error
         return self._each(name)
 
     def _each(self, name: str) -> tuple[Any, ...]:
@@ -176,9 +180,15 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         """Returns the instructions of each environment where they depend on the episode; None where they do not."""
         return None
 
-    def call(self, name: str) -> tuple[Any, ...]:
-        """Returns the same as `get_attr`: LeRobot calls attributes. Methods cannot be called."""
-        return self.get_attr(name)
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Returns the same as `get_attr`: LeRobot calls attributes. Methods cannot be called.
+
+        Raises as `get_attr`; also a TypeError if there are further arguments.
+        """
+        values = self.get_attr(name)
+        if args or kwargs:
+            raise TypeError(f"{name!r} is an attribute, which takes no arguments, got {checks.shown((args, kwargs))}")
+        return values
 
     def reset_statistics(self, mask: NDArray[np.bool_] | None = None, *, total_steps: int = 0) -> None:
         """Resets what environments keep from one episode to the next; see `SuiteTask.reset_statistics`.
