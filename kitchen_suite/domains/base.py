@@ -1,5 +1,6 @@
 """The record of a domain, which builds its environments."""
 
+import copy
 import dataclasses
 import inspect
 import math
@@ -109,6 +110,11 @@ class Domain:
         for task in self.benchmark_tasks:
             checks.choice(task, self.tasks.keys(), "benchmark task")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Read-only mappings, as `tasks` of the suite's own domains, cannot be pickled.
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return _unpickled, ({**fields, "tasks": {name: dict(each) for name, each in self.tasks.items()}},)
+
     @property
     def task_ids(self) -> dict[str, str]:
         """Ids of the Gymnasium environments of single tasks, by task name."""
@@ -183,7 +189,7 @@ class Domain:
           TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
-        from kitchen_suite.environment import Environment
+        from kitchen_suite.environment import Environment, Origin
 
         self.check_arguments(arguments, Domain.load, what="argument")
         if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
@@ -209,7 +215,20 @@ class Domain:
 
             set_render_quality(task.root_entity.mjcf_model, render_quality, is_visual)
         settings = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False, **given}
-        return Environment(task, time_limit=limit, random_state=random, **settings)
+        environment = Environment(task, time_limit=limit, random_state=random, **settings)
+        own_arguments = {
+            "time_limit": time_limit,
+            "visuals": visuals,
+            "render_quality": render_quality,
+            "physics": physics,
+            "environment_kwargs": environment_kwargs,
+        }
+        environment.origin = Origin(self.load, copy.deepcopy({**own_arguments, **arguments}))
+        return environment
+
+
+def _unpickled(fields: Mapping[str, Any]) -> Domain:
+    return Domain(**fields)
 
 
 def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:

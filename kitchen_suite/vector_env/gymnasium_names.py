@@ -61,3 +61,9 @@ class GymnasiumNames:
             f"{name} cannot be set, as the environments share one model and their settings: pass it when they are "
             "built; what varies from episode to episode is chosen by variations and by the options of reset"
         )
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "vectorised environments cannot be copied or pickled, as threads of this process step them: build others "
+            "by make_vec; single environments can be copied, such as template_env"
+        )
