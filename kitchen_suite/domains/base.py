@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from kitchen_suite import checks
+from kitchen_suite.domains.elsewhere import OF_GYMNASIUM
 from kitchen_suite.names import EXACT, PHYSICS
 
 if TYPE_CHECKING:
@@ -155,11 +156,17 @@ class Domain:
         return ("control_mode", *(name for name in parameters if name not in _SET_BY_THE_SUITE))
 
     def check_arguments(
-        self, names: Iterable[object], *others: Callable[..., Any], what: str, exclude: Collection[str] = ()
+        self,
+        names: Iterable[object],
+        *others: Callable[..., Any],
+        what: str,
+        exclude: Collection[str] = (),
+        elsewhere: Mapping[str, str],
     ) -> None:
         """Checks that scene, task or other functions have arguments of given names; see `checks.keywords`."""
+        functions = (*others, *self.argument_functions)
         exclude = (*_SET_BY_THE_SUITE, *exclude)
-        checks.keywords(names, *others, *self.argument_functions, what=what, exclude=exclude)
+        checks.keywords(names, *functions, what=what, exclude=exclude, elsewhere=elsewhere)
 
     def load(
         self,
@@ -191,7 +198,7 @@ class Domain:
         """
         from kitchen_suite.environment import Environment, Origin
 
-        self.check_arguments(arguments, Domain.load, what="argument")
+        self.check_arguments(arguments, Domain.load, what="argument", elsewhere=OF_GYMNASIUM)
         if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
             raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
         physics = self.physics if physics is None else physics
