@@ -282,7 +282,7 @@ class Environment(composer.Environment):
         compiled = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, compiled)
         digest = hashlib.sha256(self._task.root_entity.mjcf_model.to_xml_string().encode())
-        digest.update(compiled)
+        digest.update(compiled.tobytes())
         return digest.hexdigest()
 
     def __repr__(self) -> str:

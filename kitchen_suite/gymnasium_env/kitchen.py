@@ -44,7 +44,7 @@ class GoalMethod:
     def __init__(self, method: Callable[..., Any]) -> None:
         """Takes the method; used as a decorator."""
         self._method = method
-        functools.update_wrapper(self, method)
+        self.__doc__ = method.__doc__
 
     def __get__(self, instance: Any, owner: type | None = None) -> Any:
         if instance is None:
