@@ -115,9 +115,8 @@ obs_type_flag = functools.partial(
 )
 policy_flag = functools.partial(
     flag,
-    "random, zero, expert, trained, ws://host:port (a server); module:callable, which maps a dm_env.TimeStep to an "
-    "action; or gym:module:callable, which maps an observation of the Gymnasium environment to an action. expert and "
-    "trained take options, as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\".",
+    "random, zero, expert, trained, ws://host:port; module:callable, of a dm_env.TimeStep; or gym:module:callable, of "
+    "Gymnasium's observation. Options as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\".",
 )
 seed_flag = functools.partial(
     flag, "First seed; further episodes, or restarts of a training, have the next ones.", minimum=0
