@@ -1,5 +1,6 @@
 """The record of a domain, which builds its environments."""
 
+import contextlib
 import copy
 import dataclasses
 import inspect
@@ -230,7 +231,9 @@ class Domain:
             "physics": physics,
             "environment_kwargs": environment_kwargs,
         }
-        environment.origin = Origin(self.load, copy.deepcopy({**own_arguments, **arguments}))
+        # A user's own task may take what cannot be copied, such as a lock; then the environment cannot, either.
+        with contextlib.suppress(Exception):
+            environment.origin = Origin(self.load, copy.deepcopy({**own_arguments, **arguments}))
         return environment
 
 

@@ -214,7 +214,8 @@ class Environment(composer.Environment):
       raise a TypeError for an environment that was built from a task, or edited since it was built.
 
     Attributes:
-      origin: what copies are built from; None where the environment was built from a task.
+      origin: what copies are built from; None where the environment was built from a task, or from arguments that
+        cannot be copied.
     """
 
     origin: Origin | None = None
@@ -253,7 +254,8 @@ class Environment(composer.Environment):
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self.origin is None:
-            raise TypeError(f"an Environment that was built from a task cannot be copied or pickled: {_BY_STATE}")
+            what = "an Environment that was built from a task, or from arguments that cannot be copied,"
+            raise TypeError(f"{what} cannot be copied or pickled: {_BY_STATE}")
         if self._extra_hooks:
             raise TypeError(f"an environment with extra hooks, {self._extra_hooks}, cannot be copied: {_BY_STATE}")
         if _settings_of(self._task.observables) != self._built_observables:

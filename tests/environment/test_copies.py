@@ -1,8 +1,10 @@
 """Copies and pickles of what `suite.load` returns continue as the original; what cannot be copied says what to do."""
 
 import copy
+import dataclasses
 import functools
 import pickle
+import threading
 
 import gymnasium
 import numpy as np
@@ -162,8 +164,22 @@ def change_gravity(environment):
     environment.task.root_entity.mjcf_model.option.gravity = [0.0, 0.0, -1.0]
 
 
+class Locked(KitchenTask):
+    """Takes an argument that cannot be copied."""
+
+    def __init__(self, scene, *, lock, **arguments):
+        super().__init__(scene, **arguments)
+        self.lock = lock
+
+
+def load_locked():
+    domain = dataclasses.replace(DOMAINS["kitchen"], task=Locked)
+    return domain.load(lock=threading.Lock(), visuals=False, random=0)
+
+
 EDITS = {
     "built from a task": make_by_hand,
+    "an argument that cannot be copied": load_locked,
     **{
         edit.__name__: functools.partial(edited, edit)
         for edit in (add_hook, enable_another, corrupt, change_friction, change_gravity)
