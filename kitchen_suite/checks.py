@@ -15,6 +15,7 @@ import reprlib
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Set
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -127,17 +128,29 @@ def _spelt_like(value: str, choices: Collection[str]) -> list[str]:
     return [match for spelling in spellings for match in difflib.get_close_matches(spelling, choices, n=1)]
 
 
-def keywords(names: Iterable[object], *functions: Callable[..., Any], what: str, exclude: Collection[str] = ()) -> None:
+def keywords(
+    names: Iterable[object],
+    *functions: Callable[..., Any],
+    what: str,
+    exclude: Collection[str] = (),
+    elsewhere: Mapping[str, str] = MappingProxyType({}),
+) -> None:
     """Raises a TypeError unless each name is a keyword argument of one of the functions, or classes.
 
-    `what` is the kind of the arguments, for the message; `exclude` are arguments that are set otherwise.
+    Args:
+      names: of the arguments.
+      *functions: functions, or classes.
+      what: kind of the arguments, for the message.
+      exclude: arguments that are set otherwise.
+      elsewhere: arguments of other functions, with what does the same here, for the message.
     """
     parameters = [parameter for function in functions for parameter in inspect.signature(function).parameters.values()]
     by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     choices = {parameter.name for parameter in parameters if parameter.kind in by_name}.difference(exclude)
     for name in names:
         if name not in choices:
-            raise TypeError(f"unexpected {what} {shown(name)}{_hint(name, choices)}")
+            way = elsewhere.get(name) if isinstance(name, str) else None
+            raise TypeError(f"unexpected {what} {shown(name)}" + (f": {way}" if way else _hint(name, choices)))
 
 
 def number(value: object, name: str, *, positive: bool = False, maximum: float = math.inf) -> float:

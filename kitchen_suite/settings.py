@@ -111,10 +111,15 @@ variations_flag = functools.partial(
 variation_split_flag = functools.partial(
     flag, "Distributions of the groups: seen, or held_out.", choices=("seen", "held_out"), unset="seen"
 )
+obs_type_flag = functools.partial(
+    flag,
+    "Observation type, such as state or pixels_agent_pos; see docs/guide/observations.md.",
+    unset="the domain's",
+)
 policy_flag = functools.partial(
     flag,
-    "random, zero, expert, trained, ws://host:port (a server), or module:callable, which maps a dm_env.TimeStep to an "
-    "action. expert and trained take options, as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\".",
+    "random, zero, expert, trained, ws://host:port; module:callable, of a dm_env.TimeStep; or gym:module:callable, of "
+    "Gymnasium's observation. Options as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\".",
 )
 seed_flag = functools.partial(
     flag, "First seed; further episodes, or restarts of a training, have the next ones.", minimum=0
@@ -166,6 +171,7 @@ class TaskSettings:
         "Arguments of the task's Gymnasium environment, as a JSON object such as '{\"robot_noise_ratio\": 0}'.", {}
     )
     physics: str | None = physics_flag(None)
+    obs_type: str | None = obs_type_flag(None)
     control_mode: str | None = control_mode_flag(None)
     control_timestep: float | None = control_timestep_flag(None)
     variations: str | None = variations_flag(None)
@@ -174,7 +180,7 @@ class TaskSettings:
     @property
     def environment_kwargs(self) -> dict[str, Any]:
         """Arguments of the task's Gymnasium environment; a ValueError if one is given twice, with different values."""
-        names = ("physics", "control_mode", "control_timestep", "variations", "variation_split")
+        names = ("physics", "obs_type", "control_mode", "control_timestep", "variations", "variation_split")
         given = {name: value for name in names if (value := getattr(self, name)) is not None}
         if self.variations is not None:
             given["variations"] = parsed_variations(self.variations)
@@ -186,7 +192,7 @@ class TaskSettings:
     @property
     def observes_pictures(self) -> bool:
         """Whether observations hold pictures, so that playing needs a GL library."""
-        return str(self.task_kwargs.get("obs_type")).startswith(PICTURES_PREFIX)
+        return str(self.obs_type or self.task_kwargs.get("obs_type")).startswith(PICTURES_PREFIX)
 
 
 def parsed_variations(text: str) -> Any:

@@ -29,7 +29,7 @@ PARSED_PROGRAMS = (
 
 _FENCE = re.compile(r"^```(\w*) *(.*)\n([\s\S]*?)^```$", re.MULTILINE)
 # A block is run as by a user of a headless machine who has set no variable of the suite.
-_UNSET = ("MUJOCO_GL", "PYOPENGL_PLATFORM", "DISPLAY", "WAYLAND_DISPLAY", "MINARI_DATASETS_PATH")
+UNSET = ("MUJOCO_GL", "PYOPENGL_PLATFORM", "DISPLAY", "WAYLAND_DISPLAY", "MINARI_DATASETS_PATH")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +84,7 @@ def run(block: Block, folder: Path, programs: Path) -> str:
     script = folder / f"line_{block.line}.{block.language}"
     script.write_text(block.code, encoding="utf-8")
     path = os.pathsep.join((str(programs), str(Path(sys.executable).parent), os.environ["PATH"]))
-    environment = {name: value for name, value in os.environ.items() if name not in _UNSET}
+    environment = {name: value for name, value in os.environ.items() if name not in UNSET}
     result = subprocess.run(
         [*INTERPRETERS[block.language], script.name],
         cwd=folder,

@@ -1,23 +1,25 @@
 """The vectorised environments as a Stable-Baselines3 `VecEnv`; needs stable-baselines3."""
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, cast
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from kitchen_suite import checks
 from kitchen_suite.vector_env import checks as vector_checks
-from kitchen_suite.vector_env.base import SHARED_ATTRIBUTES, SuiteVectorEnv
+from kitchen_suite.vector_env.base import SHARED_ATTRIBUTES, SHARED_METHODS, SuiteVectorEnv
 
 Indices = int | Iterable[int] | None
 
-# Methods whose results are the same in all environments.
-_SHARED_METHODS = ("compute_reward", "compute_terminated", "compute_truncated")
+# Arguments of Stable-Baselines3's `make_vec_env` for environments that are built and wrapped one by one.
+_ONE_BY_ONE = ("wrapper_class", "vec_env_cls", "vec_env_kwargs", "wrapper_kwargs")
 
 
 class SuiteVecEnv(VecEnv):
@@ -91,7 +93,7 @@ class SuiteVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
         """Returns an attribute of the environments, once for each index."""
-        if attr_name in SHARED_ATTRIBUTES:
+        if attr_name in (*SHARED_ATTRIBUTES, "spec"):
             values = self.environments.get_attr(attr_name)
             return [values[i] for i in self._get_indices(indices)]
         found = self.environments if hasattr(self.environments, attr_name) else self.environments.template_env
@@ -104,11 +106,11 @@ class SuiteVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Calls one of `_SHARED_METHODS`, which do not depend on an episode, and returns the result for each index."""
-        if method_name not in _SHARED_METHODS:
+        """Calls one of `SHARED_METHODS`, which do not depend on an episode, and returns the result for each index."""
+        if method_name not in SHARED_METHODS:
             raise AttributeError(
                 f"{method_name} cannot be called: the environments are stepped together; only "
-                f"{', '.join(_SHARED_METHODS)} can"
+                f"{', '.join(SHARED_METHODS)} can"
             )
         methods = self.get_attr(method_name, indices)
         return [methods[0](*method_args, **method_kwargs)] * len(methods)
@@ -125,24 +127,69 @@ class SuiteVecEnv(VecEnv):
 
 
 def make_vec_env(
-    env_id: str, num_envs: int, *, seed: int | None = None, info_keys: Sequence[str] = (), **settings: Any
+    env_id: str | EnvSpec,
+    n_envs: int = 1,
+    seed: int | None = None,
+    start_index: int = 0,
+    monitor_dir: str | os.PathLike[str] | None = None,
+    *,
+    env_kwargs: Mapping[str, Any] | None = None,
+    monitor_kwargs: Mapping[str, Any] | None = None,
+    info_keys: Sequence[str] = (),
+    **settings: Any,
 ) -> VecMonitor:
     """Makes vectorised environments for Stable-Baselines3, with its statistics of episodes.
 
+    The arguments are those of `stable_baselines3.common.env_util.make_vec_env`, except those for environments that are
+    built and wrapped one by one: `wrapper_class`, `wrapper_kwargs`, `vec_env_cls` and `vec_env_kwargs`.
+
     Args:
       env_id: such as `kitchen_suite.gymnasium_env:KitchenSuite/FrankaKitchen-v1`.
-      num_envs: number of environments.
-      seed: environment `i` is seeded with `seed + i`.
+      n_envs: number of environments.
+      seed: environment `i` is seeded with `seed + i`, and the action space with `seed`.
+      start_index: number in the name of the file in `monitor_dir`.
+      monitor_dir: folder for the statistics of episodes, in one file such as `0.monitor.csv`; none without it.
+      env_kwargs: arguments of the vectorised environment, such as `goal_format` and `num_threads`.
+      monitor_kwargs: arguments of `VecMonitor`: `info_keywords`.
       info_keys: infos that each step returns; see `SuiteVecEnv`.
-      **settings: arguments of the vectorised environment, such as `num_threads`.
+      **settings: more arguments of the vectorised environment, in place of `env_kwargs`.
+
+    Raises:
+      TypeError: an unknown argument, an argument of the wrong type, or one that is given twice.
+      ValueError: a value that is refused.
     """
+    if not isinstance(env_id, str | EnvSpec):
+        raise TypeError(f"env_id must be an id such as 'KitchenSuite/Kettle-v1', got {checks.shown(env_id)}")
+    if given := [name for name in _ONE_BY_ONE if settings.pop(name, None)]:
+        raise TypeError(
+            f"{', '.join(given)}: here all environments are stepped together; "
+            "stable_baselines3.common.env_util.make_vec_env builds and wraps them one by one"
+        )
+    if "num_envs" in settings:
+        raise TypeError("num_envs is called n_envs here, as in Stable-Baselines3")
+    arguments = dict(env_kwargs or {})
+    if twice := sorted(arguments.keys() & settings.keys()):
+        raise TypeError(f"{', '.join(twice)} is given twice: as an argument, and in env_kwargs")
+    of_monitor = dict(monitor_kwargs or {})
+    checks.keywords(of_monitor, VecMonitor, what="argument in monitor_kwargs", exclude=("venv", "filename"))
     environments = gymnasium.make_vec(
-        env_id, num_envs, vectorization_mode="vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP, **settings
+        env_id,
+        n_envs,
+        vectorization_mode="vector_entry_point",
+        autoreset_mode=AutoresetMode.SAME_STEP,
+        **arguments,
+        **settings,
     )
-    adapted = VecMonitor(SuiteVecEnv(cast(SuiteVectorEnv, environments), info_keys=info_keys))
+    adapted = SuiteVecEnv(cast(SuiteVectorEnv, environments), info_keys=info_keys)
+    file = None
+    if monitor_dir is not None:
+        os.makedirs(monitor_dir, exist_ok=True)
+        file = os.path.join(monitor_dir, str(start_index))
+    monitored = VecMonitor(adapted, file, **of_monitor)
     if seed is not None:
-        adapted.seed(seed)
-    return adapted
+        monitored.seed(seed)
+        monitored.action_space.seed(seed)
+    return monitored
 
 
 def _row(infos: Mapping[str, Any], i: int) -> dict[str, Any]:

@@ -61,10 +61,12 @@ rollout = Command(
   kitchen-rollout --task_name=kettle --output=episodes     also writes each episode to a file
   kitchen-rollout --num_episodes=1 --video=kitchen.mp4     also films it
   kitchen-rollout --policy=expert --web=kitchen.html       completes the task, and writes a page that shows it in 3-D
-  kitchen-rollout --policy=my_module:act                   acts as your own function does
+  kitchen-rollout --policy=my_module:act                   acts as your own function of a dm_env.TimeStep does
+  kitchen-rollout --policy=gym:my_module:act --obs_type=state    a function of Gymnasium's observation
   kitchen-rollout --workers=4 --num_episodes=100           plays on Ray, in four processes
 
-Your own policy is a callable that takes a dm_env.TimeStep and returns the action. Files are written atomically. Ctrl-C
+Your own policy is a callable that takes a dm_env.TimeStep, or with gym: the observation of the Gymnasium environment,
+and returns the action. Files are written atomically. Ctrl-C
 keeps the finished episodes and the video until then. Exit status: 0; 1 if writing, the physics or the workers failed; 2
 for a bad argument or policy, with one line on stderr; 130 if interrupted.
 """,

@@ -1,5 +1,7 @@
 """The record of a domain, which builds its environments."""
 
+import contextlib
+import copy
 import dataclasses
 import inspect
 import math
@@ -11,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from kitchen_suite import checks
+from kitchen_suite.domains.elsewhere import OF_GYMNASIUM
 from kitchen_suite.names import EXACT, PHYSICS
 
 if TYPE_CHECKING:
@@ -109,6 +112,11 @@ class Domain:
         for task in self.benchmark_tasks:
             checks.choice(task, self.tasks.keys(), "benchmark task")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Read-only mappings, as `tasks` of the suite's own domains, cannot be pickled.
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return _unpickled, ({**fields, "tasks": {name: dict(each) for name, each in self.tasks.items()}},)
+
     @property
     def task_ids(self) -> dict[str, str]:
         """Ids of the Gymnasium environments of single tasks, by task name."""
@@ -150,11 +158,17 @@ class Domain:
         return ("control_mode", *own, "control_timestep")
 
     def check_arguments(
-        self, names: Iterable[object], *others: Callable[..., Any], what: str, exclude: Collection[str] = ()
+        self,
+        names: Iterable[object],
+        *others: Callable[..., Any],
+        what: str,
+        exclude: Collection[str] = (),
+        elsewhere: Mapping[str, str],
     ) -> None:
         """Checks that scene, task or other functions have arguments of given names; see `checks.keywords`."""
+        functions = (*others, *self.argument_functions)
         exclude = (*_SET_BY_THE_SUITE, *exclude)
-        checks.keywords(names, *others, *self.argument_functions, what=what, exclude=exclude)
+        checks.keywords(names, *functions, what=what, exclude=exclude, elsewhere=elsewhere)
 
     def load(
         self,
@@ -189,9 +203,9 @@ class Domain:
           TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
-        from kitchen_suite.environment import Environment
+        from kitchen_suite.environment import Environment, Origin
 
-        self.check_arguments(arguments, Domain.load, what="argument")
+        self.check_arguments(arguments, Domain.load, what="argument", elsewhere=OF_GYMNASIUM)
         if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
             raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
         physics = self.physics if physics is None else physics
@@ -224,7 +238,24 @@ class Domain:
             "episode_seeds": episode_seeds,
             **given,
         }
-        return Environment(task, time_limit=limit, random_state=random, **settings)
+        environment = Environment(task, time_limit=limit, random_state=random, **settings)
+        own_arguments = {
+            "time_limit": time_limit,
+            "visuals": visuals,
+            "render_quality": render_quality,
+            "physics": physics,
+            "control_timestep": control_timestep,
+            "episode_seeds": episode_seeds,
+            "environment_kwargs": environment_kwargs,
+        }
+        # A user's own task may take what cannot be copied, such as a lock; then the environment cannot, either.
+        with contextlib.suppress(Exception):
+            environment.origin = Origin(self.load, copy.deepcopy({**own_arguments, **arguments}))
+        return environment
+
+
+def _unpickled(fields: Mapping[str, Any]) -> Domain:
+    return Domain(**fields)
 
 
 def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:

@@ -1,6 +1,6 @@
 """The composer environment of the suite."""
 
 import kitchen_suite.rendering.choice  # noqa: F401
-from kitchen_suite.environment.environment import PHYSICS_STATE, Environment
+from kitchen_suite.environment.environment import PHYSICS_STATE, Environment, Origin
 
-__all__ = ["PHYSICS_STATE", "Environment"]
+__all__ = ["PHYSICS_STATE", "Environment", "Origin"]

@@ -1,10 +1,11 @@
 """A composer environment with faster stepping, a time limit in control steps, and states that can be saved."""
 
 import collections
+import hashlib
 import math
 import warnings
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import dm_env
 import mujoco
@@ -33,6 +34,9 @@ check_private_names()
 
 PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 """The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""
+
+# Ends the errors about environments that cannot be copied.
+_BY_STATE = "build another one in the same way, and pass its set_state what get_state of this one returns"
 
 # Keys of states: the physics, where it is not the exact one, and what sleeps, where objects may.
 _PHYSICS_NAME, _ASLEEP = "physics_name", "asleep"
@@ -199,8 +203,20 @@ class UnbufferedUpdater(observation.Updater):
         return self._observation.copy() if self._bypasses_buffers else super().get_observation()
 
 
+class Origin(NamedTuple):
+    """What an environment was built from, of which copies are built.
+
+    Attributes:
+      build: `Domain.load` of its domain.
+      arguments: keyword arguments of that function.
+    """
+
+    build: Callable[..., "Environment"]
+    arguments: Mapping[str, Any]
+
+
 class Environment(composer.Environment):
-    """`composer.Environment` with six differences.
+    """`composer.Environment` with further features.
 
     - All physics steps of a control step are made in one call, unless a hook or a buffered observable needs the state
       between them; see `_plan_substeps`.
@@ -213,8 +229,15 @@ class Environment(composer.Environment):
     - With `flat_observation` the observation is one array, as in dm_control's suite.
     - `get_state` and `set_state` save and restore the environment in the middle of an episode.
     - With `episode_seeds` each episode starts its own random stream.
+    - `copy.deepcopy` and pickle build the environment again, from what `suite.load` was given, and set its state. They
+      raise a TypeError for an environment that was built from a task, or edited since it was built.
+
+    Attributes:
+      origin: what copies are built from; None where the environment was built from a task, or from arguments that
+        cannot be copied.
     """
 
+    origin: Origin | None = None
     _mjcf_never_compiled: bool
     _random_state: np.random.RandomState
 
@@ -266,6 +289,43 @@ class Environment(composer.Environment):
         self._step_count = 0
         self._flat_observation = checks.boolean(flat_observation, "flat_observation")
         self._plan_substeps()
+        self._extra_hooks: list[str] = []
+        self._built_observables = _settings_of(task.observables)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self.origin is None:
+            what = "an Environment that was built from a task, or from arguments that cannot be copied,"
+            raise TypeError(f"{what} cannot be copied or pickled: {_BY_STATE}")
+        if self._extra_hooks:
+            raise TypeError(f"an environment with extra hooks, {self._extra_hooks}, cannot be copied: {_BY_STATE}")
+        if _settings_of(self._task.observables) != self._built_observables:
+            raise TypeError(
+                f"an environment whose observables were edited cannot be copied: pass extra_observables, or {_BY_STATE}"
+            )
+        state = {
+            "state": self.get_state(),
+            "visualize_reward": self._task.visualize_reward,
+            # composer starts each episode from it with `fixed_initial_state`.
+            "fixed_random_state": self._fixed_random_state,
+            "model": self._model_digest(),
+        }
+        return _build_again, (self.origin, state["state"]["random"]["bit_generator"]), state
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self._task.visualize_reward = state["visualize_reward"]
+        self._fixed_random_state = state["fixed_random_state"]
+        self.set_state(state["state"])
+        if self._model_digest() != state["model"]:
+            raise TypeError(f"an environment whose model was edited cannot be copied: {_BY_STATE}")
+
+    def _model_digest(self) -> str:
+        """Returns the SHA-256 of the MJCF model and of the compiled one."""
+        model = self._physics.model.ptr
+        compiled = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, compiled)
+        digest = hashlib.sha256(self._task.root_entity.mjcf_model.to_xml_string().encode())
+        digest.update(compiled.tobytes())
+        return digest.hexdigest()
 
     def __repr__(self) -> str:
         timestep = self.control_timestep()
@@ -437,6 +497,7 @@ class Environment(composer.Environment):
         super().add_extra_hook(hook_name, hook_callable)
         if hook_name == "initialize_episode_mjcf":
             self._mjcf_never_compiled = True
+        self._extra_hooks.append(hook_name)
         self._plan_substeps()
 
     def _flatten(self, observation: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
@@ -495,6 +556,22 @@ class Environment(composer.Environment):
         return UnbufferedUpdater(
             self._task.observables, self._physics_steps, self._strip_singleton_obs_buffer_dim, padding
         )
+
+
+def _build_again(origin: Origin, bit_generator: str) -> Environment:
+    """Returns an environment as an origin says, with a random stream of a kind, whose state is still to be set."""
+    given = origin.arguments.get("environment_kwargs") or {}
+    if origin.arguments.get("episode_seeds") or given.get("episode_seeds"):
+        # The state has the next seed.
+        return origin.build(**origin.arguments, random=0)
+    random_state = np.random.RandomState(getattr(np.random, bit_generator)())
+    return origin.build(**origin.arguments, random=random_state)
+
+
+def _settings_of(observables: Mapping[str, observable.Observable]) -> dict[str, tuple[Any, ...]]:
+    """Returns the settings of observables by name, which are compared by equality."""
+    names = ("enabled", "update_interval", "buffer_size", "delay", "aggregator", "corruptor")
+    return {key: tuple(getattr(part, name) for name in names) for key, part in observables.items()}
 
 
 def make_random_state(random: int | np.random.RandomState | None) -> np.random.RandomState:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
 from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.elsewhere import OF_LOAD
 from kitchen_suite.environment import Environment
 from kitchen_suite.environment.seeds import NEXT_SEED, UNKNOWN, checked_next_seed, checked_stride, known
 from kitchen_suite.gymnasium_env import observations, rendering
@@ -198,7 +199,9 @@ class SuiteEnv(gymnasium.Env):
     def check_keywords(cls, domain: Domain, names: Iterable[str], exclude: Iterable[str] = ()) -> None:
         """Raises a TypeError unless the environments of a domain have keyword arguments of these names."""
         # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
-        domain.check_arguments(names, *cls._constructors(), what="keyword argument", exclude=("domain", *exclude))
+        exclude = ("domain", *exclude)
+        constructors = cls._constructors()
+        domain.check_arguments(names, *constructors, what="keyword argument", exclude=exclude, elsewhere=OF_LOAD)
 
     @classmethod
     def default_of(cls, domain: Domain, name: str) -> Any:

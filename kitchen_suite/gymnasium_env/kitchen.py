@@ -4,7 +4,8 @@ import contextlib
 import functools
 import io
 import math
-from collections.abc import Mapping, Sequence
+import types
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,27 @@ with contextlib.redirect_stderr(io.StringIO()):
 INSTRUCTION = "instruction"  # Key of the task's sentence in infos.
 
 _GOALS = ("achieved_goal", "desired_goal")
+
+
+class GoalMethod:
+    """A method that an environment has only where its observations hold goals, by its attribute `has_goals`.
+
+    Others take each environment with `compute_reward` for a goal environment, as Stable-Baselines3 does, whatever it
+    observes. Without goals `hasattr` is therefore False, and the AttributeError names the observation type with goals.
+    """
+
+    def __init__(self, method: Callable[..., Any]) -> None:
+        """Takes the method; used as a decorator."""
+        self._method = method
+        self.__doc__ = method.__doc__
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        if instance is None:
+            return self._method
+        if not instance.has_goals:
+            name = self._method.__name__
+            raise AttributeError(f"there is no {name} without goals in the observations: build with obs_type='goal'")
+        return types.MethodType(self._method, instance)
 
 
 class KitchenObservations(observations.Observations):
@@ -189,6 +211,11 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
         robot = self.composer_task.robot.mjcf_model.full_identifier
         return (f"{robot}joint_positions", f"{robot}joint_velocities")
 
+    @property
+    def has_goals(self) -> bool:
+        """Whether observations hold goals; only then is there `compute_reward`, as of a goal environment."""
+        return self.observations.has_goals
+
     def _make_observations(self, obs_type: str, make: Any = KitchenObservations) -> observations.Observations:
         # Goals are read from the task's state: faster than one observable for each task.
         for key, part in self.composer_task.task_observables.items():
@@ -229,6 +256,7 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
         with shown_at(self.environment.physics, self.composer_task.mdp.sensors.indices.state_qpos, goal):
             return np.asarray(self.render())
 
+    @GoalMethod
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
         """Returns the reward of a step that led to `achieved_goal`, from goals and info alone.
 
@@ -249,6 +277,7 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
         achieved, desired = self._flatten_goals(achieved_goal, desired_goal)
         return _item(goal_rewards.reward(achieved, desired, info, self.composer_task.mdp))
 
+    @GoalMethod
     def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Returns whether a step that led to `achieved_goal` terminates.
 
@@ -258,6 +287,7 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
         completed = goal_rewards.terminated(achieved, desired, info, self.composer_task.mdp)
         return _item(completed & self.composer_task.mdp.terminate_on_tasks_completed)
 
+    @GoalMethod
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Returns whether a step truncates, by the info's `episode_step` and `completion_steps`.
 

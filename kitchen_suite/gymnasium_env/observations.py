@@ -88,6 +88,7 @@ class Observations:
       flat_space: of the flat observation.
       space: of the observations.
       has_pictures: whether they hold pictures.
+      has_goals: whether they hold the achieved and the desired goal.
     """
 
     def __init__(
@@ -98,7 +99,10 @@ class Observations:
         The flat observation consists of the environment's enabled observables. Its `robot_keys`, its `limit`, which
         extra observables do not have, and its `dtype` are attributes of `SuiteEnv`.
         """
-        self._task, self._dtype, self.has_pictures = environment.task, dtype, has_pictures(obs_type)
+        self._task = environment.task
+        self._dtype = dtype
+        self.has_pictures = has_pictures(obs_type)
+        self.has_goals = "goals" in OBS_TYPES[obs_type]
         extras, pictures = environment.task.extras, environment.task.pictures
         spec, observables = environment.observation_spec(), environment.task.observables
         # The spec may have observables that have been disabled since.

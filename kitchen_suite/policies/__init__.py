@@ -1,6 +1,7 @@
 """Policies by name: random, zero, scripted experts, trained policies, servers, and those of a user."""
 
 from kitchen_suite.policies.registry import (
+    OBSERVATION,
     POLICIES,
     Policy,
     PolicyBuilder,
@@ -15,10 +16,12 @@ from kitchen_suite.policies.registry import (
     options_of,
     player_of,
     policy_file,
+    takes,
     without_file,
 )
 
 __all__ = [
+    "OBSERVATION",
     "POLICIES",
     "Policy",
     "PolicyBuilder",
@@ -33,5 +36,6 @@ __all__ = [
     "options_of",
     "player_of",
     "policy_file",
+    "takes",
     "without_file",
 ]

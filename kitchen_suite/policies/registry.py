@@ -4,6 +4,9 @@ A policy is called with the present `dm_env.TimeStep` and returns the action. An
 is true. A policy may have an attribute `labels`, a mapping that says something of its last action, by names that are
 the same after every action; recordings keep them. Rollouts assign the task's sentence to an attribute `instruction`,
 where a policy has one, before each action.
+
+A policy `gym:module:callable` is called with the observation of the Gymnasium environment instead, which is what
+policies of Gymnasium's libraries were trained on. What a policy is called with is its attribute `takes`.
 """
 
 import abc
@@ -30,16 +33,21 @@ if TYPE_CHECKING:
     from kitchen_suite.policies.stored import StoredPolicy
     from kitchen_suite.tasks.task import SuiteTask
 
-Policy = Callable[[dm_env.TimeStep], ArrayLike]
-"""Returns the action for a time step of the suite's environment."""
+Policy = Callable[[Any], ArrayLike]
+"""Returns the action for a `dm_env.TimeStep` of the suite's environment, or for what `takes` says."""
 
 PolicyBuilder = Callable[..., Policy]
 """Builds the policy for one episode from the environment and a generator of the episode's own."""
+
+# What a policy is called with.
+TIMESTEP = "timestep"  # Of the suite's own environment.
+OBSERVATION = "observation"  # Of the Gymnasium environment.
 
 # Packages that extras install, of those that policies need.
 PACKAGES = {"experts": ("daqp", "mink"), "remote": ("msgpack", "websockets")}
 
 _ADDRESS = re.compile(r"wss?://\S+")  # A policy on a server, by its address alone.
+_OF_GYMNASIUM = re.compile(r"gym:(?P<name>[^:]+:.+)")  # A policy that takes the Gymnasium environment's observation.
 _MAX_LENGTH = 5_000  # Characters of a policy with options; there is room for the path of a file.
 
 
@@ -256,6 +264,8 @@ class TeleopSource(PolicySource):
 
         if policy is not None and (not isinstance(policy, str) or player_of(policy)):
             raise ValueError(f"policy must be the name of one that acts by itself, got {checks.shown(policy)}")
+        if policy is not None and _OF_GYMNASIUM.fullmatch(policy):
+            raise ValueError(f"policy must be one that takes a dm_env.TimeStep, got {checks.shown(policy)}")
         checks.boolean(rewind, "rewind")
         checks.integer(port, "port", minimum=1024, maximum=65535)
         return TeleoperatedPolicy(environment.task, find(policy)(environment, generator) if policy else None)
@@ -310,7 +320,8 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
     Args:
       name: a key of `POLICIES`, with options where it takes any, such as `expert(speed=0.8, jitter=0.02)` or
         `trained(file='policy.npz')`; an address `ws://host:port`, a policy on a server; or `module:callable`, a policy
-        that is the same object in every episode. Modules are also looked for in the working directory.
+        that is the same object in every episode; `gym:module:callable` is one that takes observations of the Gymnasium
+        environment. Modules are also looked for in the working directory.
       digest: SHA-256 that the policy's file must have, if given: the builder raises a PolicyError for another file.
 
     Raises:
@@ -322,14 +333,16 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
         raise ValueError(f"policy {file} is a file, not a name: write trained(file={file})")
     key, options = _key_and_options(name)
     if ":" in key:
-        imported = checks.imported(name, "policy")
+        of_gymnasium = _OF_GYMNASIUM.fullmatch(name)
+        imported = checks.imported(of_gymnasium["name"] if of_gymnasium else name, "policy")
         if not callable(imported):
             raise ValueError(f"policy {checks.shown(name)} cannot be called: it is {checks.shown(imported)}")
-        return lambda environment, generator: _CheckedPolicy(imported, name, environment)
+        taken = OBSERVATION if of_gymnasium else TIMESTEP
+        return lambda environment, generator: _CheckedPolicy(imported, name, environment, taken)
     try:
         source = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
     except ValueError as error:
-        raise ValueError(f"{error}, or name one of your own as module:callable") from error
+        raise ValueError(f"{error}, or name one of your own as module:callable or gym:module:callable") from error
     if source.extra:
         checks.installed(PACKAGES[source.extra], f"policy {checks.shown(name)}", source.extra)
     if options and not source.takes_options:
@@ -384,6 +397,11 @@ def labels_of(policy: Policy) -> Mapping[str, NDArray]:
     return {label: np.asarray(value) for label, value in getattr(policy, "labels", {}).items()}
 
 
+def takes(policy: Policy) -> str:
+    """Returns what a policy is called with, `TIMESTEP` or `OBSERVATION`: its attribute `takes`, if it has one."""
+    return getattr(policy, "takes", TIMESTEP)
+
+
 def instruct(policy: Policy, sentence: Callable[[], str]) -> None:
     """Assigns the task's sentence, which a function returns, to the attribute `instruction` of a policy that has it."""
     if hasattr(policy, "instruction"):
@@ -420,12 +438,13 @@ def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:
 class _CheckedPolicy:
     """A policy that returns valid actions in fresh arrays, or raises a PolicyError that names it."""
 
-    def __init__(self, policy: Policy, name: str, environment: dm_env.Environment) -> None:
+    def __init__(self, policy: Policy, name: str, environment: dm_env.Environment, takes: str = TIMESTEP) -> None:
         self._policy, self._name, self._environment = policy, name, environment
+        self.takes = takes
 
-    def __call__(self, timestep: dm_env.TimeStep) -> NDArray[np.float64]:
+    def __call__(self, given: Any) -> NDArray[np.float64]:
         try:
-            action = self._policy(timestep)
+            action = self._policy(given)
         except ConnectionError as error:
             raise PolicyError(f"policy {checks.shown(self._name)} cannot act: {error}") from error
         except (Exception, SystemExit) as error:

@@ -168,7 +168,8 @@ def _with_format(settings: RecordSettings) -> RecordSettings:
     chosen = FORMATS[checks.choice(settings.format, FORMATS, "format")]
     if settings.dataset is None:
         raise ValueError(f"format {chosen.name!r} needs the name of a dataset: --dataset={chosen.example}")
-    return dataclasses.replace(settings, task_kwargs=chosen.task_kwargs(settings.task_kwargs))
+    given = {} if settings.obs_type is None else {"obs_type": settings.obs_type}
+    return dataclasses.replace(settings, task_kwargs=chosen.task_kwargs({**given, **settings.task_kwargs}))
 
 
 def _types(metrics: Metrics) -> dict[str, type]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError, instruct, labels_of
+from kitchen_suite.policies import OBSERVATION, Policy, PolicyBuilder, PolicyError, instruct, labels_of, takes
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, Waiting, Watch, flatten
 from kitchen_suite.rollouts.spec import EpisodePolicies, EpisodeSpec, clipped_action, reset_to_seed, seeded_policies
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -55,9 +55,9 @@ class SingleRollout:
         Raises a PhysicsError if the physics diverges, a PolicyError for an exception or a bad action of the policy.
         """
         environment = suite_env(self.environment)
-        timestep = self.buffer.timestep(environment)
+        seen = self.buffer.observation if takes(self.policy) == OBSERVATION else self.buffer.timestep(environment)
         instruct(self.policy, lambda: environment.instruction)
-        action = clipped_action(self.policy, timestep, self.environment.action_space)
+        action = clipped_action(self.policy, seen, self.environment.action_space)
         self.repeat(action, labels_of(self.policy))
 
     def repeat(self, action: NDArray, labels: Mapping[str, Any]) -> None:
@@ -139,7 +139,11 @@ class Controller(Protocol):
 
 
 class PolicyController:
-    """Acts by a policy of its own in each environment, on time steps as the suite's own environment returns them."""
+    """Acts by a policy of its own in each environment.
+
+    Policies take time steps as the suite's own environment returns them, or observations of the Gymnasium environment;
+    see `policies.takes`.
+    """
 
     def __init__(self, environments: SuiteVectorEnv, episode_policies: EpisodePolicies) -> None:
         self._environments, self._episode_policies = environments, episode_policies
@@ -154,11 +158,17 @@ class PolicyController:
 
     def act(self, step: BatchStep) -> NDArray:
         actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
-        # Policies act on the time steps of dm_env, in rollouts as in recordings.
-        observations = self._environments.present_observation
         playing = np.flatnonzero(step.is_playing).tolist()
-        for i in playing:
-            actions[i] = self._action(i, step, {key: array[i] for key, array in observations.items()})
+        if takes(self._policies[playing[0]]) == OBSERVATION:
+            for i in playing:
+                actions[i] = self._action(i, _row(step.observations, i))
+        else:
+            observations = self._environments.present_observation
+            for i in playing:
+                observation = _row(observations, i)
+                first, reward = step.is_first[i], step.rewards[i]
+                timestep = dm_env.restart(observation) if first else dm_env.transition(reward, observation)
+                actions[i] = self._action(i, timestep)
         each = [labels_of(self._policies[i]) for i in playing]
         labels = {name: np.array([one[name] for one in each]) for name in each[0]}
         # Zeros where no episode is played.
@@ -167,13 +177,19 @@ class PolicyController:
             self.labels[name][playing] = rows
         return actions
 
-    def _action(self, i: int, step: BatchStep, observation: dict[str, NDArray]) -> NDArray:
-        timestep = dm_env.restart(observation) if step.is_first[i] else dm_env.transition(step.rewards[i], observation)
+    def _action(self, i: int, seen: Any) -> NDArray:
         instruct(self._policies[i], lambda: self._environments.instruction[i])
-        action = clipped_action(self._policies[i], timestep, self._space)
+        action = clipped_action(self._policies[i], seen, self._space)
         if np.abs(action).max() > np.finfo(self._space.dtype).max:
             raise PolicyError(f"the policy's action does not fit into {self._space.dtype}: {action}")
         return action
+
+
+def _row(observations: Any, i: int) -> Any:
+    """Returns the observation of environment `i`: an array, or nested dicts of arrays."""
+    if isinstance(observations, Mapping):
+        return {key: _row(part, i) for key, part in observations.items()}
+    return observations[i]
 
 
 class NetworkController:

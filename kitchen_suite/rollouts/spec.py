@@ -281,7 +281,13 @@ def policy_generator(seed: int) -> np.random.Generator:
     return np.random.default_rng((seed, 1))
 
 
-def clipped_action(policy: policies.Policy, timestep: dm_env.TimeStep, space: gymnasium.Space) -> NDArray:
-    """Returns a policy's action within the bounds of its space, so that the recorded action is the applied one."""
+def clipped_action(policy: policies.Policy, given: Any, space: gymnasium.Space) -> NDArray:
+    """Returns a policy's action within the bounds of its space, so that the recorded action is the applied one.
+
+    Args:
+      policy: the policy.
+      given: what it is called with; see `policies.takes`.
+      space: of the actions.
+    """
     assert isinstance(space, gymnasium.spaces.Box)
-    return np.asarray(policy(timestep)).clip(space.low, space.high)
+    return np.asarray(policy(given)).clip(space.low, space.high)

@@ -1,6 +1,7 @@
 """The base of the suite's vectorised environments: many episodes in one call of MuJoCo's batched stepping."""
 
 import contextlib
+import copy
 import itertools
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,6 +12,7 @@ import numpy as np
 import tree
 from dm_control import composer
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +24,7 @@ from kitchen_suite.gymnasium_env.base import RESET_MASK, STATE, VARIATION, VARIA
 from kitchen_suite.rendering.cameras import CameraParameters
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.episodes import BatchEpisodes, BatchPictures
+from kitchen_suite.vector_env.gymnasium_names import GymnasiumNames
 
 # What a control step returns; see `SuiteVectorEnv.step`.
 StepResult = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
@@ -43,8 +46,14 @@ SHARED_ATTRIBUTES = (
     "variation_split",
 )
 
+# Attributes of the vector that stand for those of its single environments.
+_OF_THE_VECTOR = ("np_random", "np_random_seed", "spec")
 
-class SuiteVectorEnv(gymnasium.vector.VectorEnv):
+# Methods of the single environment that depend on no episode; only goal environments have them.
+SHARED_METHODS = ("compute_reward", "compute_terminated", "compute_truncated")
+
+
+class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
     """A vector of environments, each equal to the single environment: the same numbers for the same seed and actions.
 
     A single environment, the template, starts every episode; its state is then copied to a batch of simulations. The
@@ -54,6 +63,9 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
     Infos are arrays with a leading axis, and a mask `_key` for each `key`, as Gymnasium's are. If a simulation
     diverges, its episode ends with reward 0 and the next one starts in the same step; the infos then have a mask
     `physics_error`.
+
+    Attributes:
+      autoreset_mode: when an environment whose episode has ended starts the next one; also in `metadata`.
     """
 
     # Class of the single environment.
@@ -88,7 +100,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         checks.integer(threads, "num_threads", minimum=1, maximum=checks.MAX_THREADS)
         modes = [mode.value for mode in AutoresetMode]
         name = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
-        self._autoreset = AutoresetMode(checks.choice(name, modes, "autoreset_mode"))
+        self.autoreset_mode = AutoresetMode(checks.choice(name, modes, "autoreset_mode"))
         if settings.get("render_mode") == "human":
             raise ValueError("render_mode 'human' shows one environment; use 'rgb_array' or 'depth_array'")
         # Gymnasium's `make` accepts -1 for no limit.
@@ -105,7 +117,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         self._task = self._template_env.composer_task
         self._mdp, self._observations = self._task.mdp, self._template_env.observations
         self.render_mode = self._template_env.render_mode
-        self.metadata = {**self._template_env.metadata, "autoreset_mode": self._autoreset}
+        self.metadata = {**self._template_env.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_action_space = self._template_env.action_space
         self.single_observation_space = self._template_env.observation_space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -155,11 +167,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         """Returns an attribute of every single environment, as Gymnasium's own vectors do.
 
         Raises:
-          AttributeError: the attribute is none of `SHARED_ATTRIBUTES`.
+          AttributeError: the attribute is none of `SHARED_ATTRIBUTES`, `np_random`, `np_random_seed` and `spec`.
           TypeError: the name is no string.
         """
         try:
-            checks.choice(name, SHARED_ATTRIBUTES, "attribute")
+            checks.choice(name, (*SHARED_ATTRIBUTES, *_OF_THE_VECTOR), "attribute")
         except ValueError as error:
             # As Gymnasium's vectors do, so that callers can ask whether an attribute exists.
             raise AttributeError(
@@ -167,7 +179,18 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
                 "differs between them. Gymnasium's own vector has the attributes and methods of each single "
                 "environment: gymnasium.make_vec(id, num_envs, vectorization_mode='sync')"
             ) from error
-        return self._each(name)
+        if name == "spec":
+            return (self._single_spec,) * self.num_envs
+        return getattr(self, name) if name in _OF_THE_VECTOR else self._each(name)
+
+    @property
+    def _single_spec(self) -> EnvSpec | None:
+        """Gymnasium's record of a single environment, with the limit of control steps that applies."""
+        spec = copy.copy(self.spec)
+        if spec is not None:
+            # `make_vec` leaves there the limit of the id, whichever it is given.
+            spec.max_episode_steps = self._template_env.max_episode_steps
+        return spec
 
     def _each(self, name: str) -> tuple[Any, ...]:
         """Returns one of `SHARED_ATTRIBUTES` of every single environment."""
@@ -181,10 +204,22 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         return None
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Returns the same as `get_attr`: LeRobot calls attributes. Methods cannot be called.
+        """Returns the results of a method of every single environment, or an attribute, as Gymnasium's vectors do.
 
-        Raises as `get_attr`; also a TypeError if there are further arguments.
+        Args:
+          name: `render`, one of `SHARED_METHODS`, or an attribute as for `get_attr`, which LeRobot calls. Other methods
+            would act in one environment, which no client can step alone.
+          *args: arguments of the method, the same for all environments.
+          **kwargs: its keyword arguments.
+
+        Raises:
+          AttributeError: there is no such attribute or method, or it cannot be called.
+          TypeError: there are arguments for an attribute.
         """
+        if name == "render":
+            return self.render() or (None,) * self.num_envs
+        if name in SHARED_METHODS:
+            return (getattr(self._template_env, name)(*args, **kwargs),) * self.num_envs
         values = self.get_attr(name)
         if args or kwargs:
             raise TypeError(f"{name!r} is an attribute, which takes no arguments, got {checks.shown((args, kwargs))}")
@@ -329,7 +364,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
           ValueError: the autoreset mode is not `Disabled`. Other errors are those of `step`, where the mask is True.
         """
         self._check_process()
-        vector_checks.autoreset_mode(self._autoreset, AutoresetMode.DISABLED)
+        vector_checks.autoreset_mode(self.autoreset_mode, AutoresetMode.DISABLED)
         mask = vector_checks.checked_mask(mask, self.num_envs, "mask")
         self._check_episodes(mask)
         checked = vector_checks.actions(actions, self.action_space)
@@ -342,7 +377,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         applied = self._template_env.clip_actions(actions) if self._template_env.clips_actions else actions
         self._mdp.action_mode.check(applied)
         with self._all_or_nothing():
-            restarting = self._ended if self._autoreset == AutoresetMode.NEXT_STEP else self._no_one
+            restarting = self._ended if self.autoreset_mode == AutoresetMode.NEXT_STEP else self._no_one
             stepping = ~(restarting | waiting)
             rewards, terminations, diverged = self._episodes.step(applied, stepping)
             truncates = self._mdp.truncates(self._episodes.state.mdp_state)
@@ -362,7 +397,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         Returns:
           Infos with the last observation and the last info of each episode that has ended, as Gymnasium formats them.
         """
-        if self._autoreset != AutoresetMode.SAME_STEP or not self._ended.any():
+        if self.autoreset_mode != AutoresetMode.SAME_STEP or not self._ended.any():
             return {}
         ended, observations, last = self._ended, self._get_obs(), np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(ended).tolist():
@@ -375,7 +410,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         """Checks that every environment has an episode; with `Disabled`, also that those stepped need no reset."""
         if self._needs_reset:
             raise gymnasium.error.ResetNeeded("call reset(): there is no episode yet, or its last step was interrupted")
-        if self._autoreset == AutoresetMode.DISABLED and (self._ended & stepping).any():
+        if self.autoreset_mode == AutoresetMode.DISABLED and (self._ended & stepping).any():
             ended = np.flatnonzero(self._ended & stepping).tolist()
             raise gymnasium.error.ResetNeeded(f"the episodes of environments {ended} have ended; reset them first")
 

@@ -11,7 +11,7 @@ import tree
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT
-from kitchen_suite.gymnasium_env.kitchen import INSTRUCTION, FrankaKitchenEnv, goal_observation
+from kitchen_suite.gymnasium_env.kitchen import INSTRUCTION, FrankaKitchenEnv, GoalMethod, goal_observation
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, REQUESTED, TASK_ID
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -50,6 +50,12 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
             infos["_goal_rendered"] = np.isin(np.arange(self.num_envs), rendered)
         return infos
 
+    @property
+    def has_goals(self) -> bool:
+        """Whether observations hold goals; only then is there `compute_reward`, as of a goal environment."""
+        return self._observations.has_goals
+
+    @GoalMethod
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
         """Returns rewards as `FrankaKitchenEnv.compute_reward` does; its arguments are those of that method.
 
@@ -57,10 +63,12 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         """
         return self._template_env.compute_reward(achieved_goal, desired_goal, self._split_infos(info))
 
+    @GoalMethod
     def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Returns terminations as `FrankaKitchenEnv.compute_terminated` does; arguments as of `compute_reward`."""
         return self._template_env.compute_terminated(achieved_goal, desired_goal, self._split_infos(info))
 
+    @GoalMethod
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Returns truncations as `FrankaKitchenEnv.compute_truncated` does; arguments as of `compute_reward`."""
         return self._template_env.compute_truncated(achieved_goal, desired_goal, self._split_infos(info))

@@ -102,3 +102,15 @@ def test_ppo_trains(tmp_path):
     after = [*models["policy"].parameters()]
     assert not all((old == new).all() for old, new in zip(before, after, strict=True))
     assert all(parameter.isfinite().all() for parameter in after)
+
+
+@pytest.mark.rendering
+def test_a_vector_is_rendered():
+    from skrl.envs.wrappers.torch import wrap_env
+
+    environment = wrap_env(
+        gymnasium.make_vec(KITCHEN, 2, num_threads=1, goal_format="flat", render_mode="rgb_array", width=32, height=24)
+    )
+    environment.reset()
+    assert [image.shape for image in environment.render()] == [(24, 32, 3)] * 2
+    environment.close()

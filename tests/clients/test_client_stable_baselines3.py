@@ -1,9 +1,13 @@
 """Stable-Baselines3 learns in the kitchen as it is: PPO, and SAC with hindsight relabelling."""
 
+import csv
+
 import gymnasium
 import numpy as np
 import pytest
 from helpers.errors import refused
+
+from kitchen_suite.suite import DOMAINS
 
 pytestmark = pytest.mark.clients
 
@@ -13,6 +17,8 @@ THRESHOLD = 0.01
 # The microwave's goal lies within its threshold from the start: it pays in the first step and never again. The kettle
 # stays off its goal, but moves by more than its threshold where a random policy hits it.
 EASY = {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [0.0]}, "threshold": THRESHOLD}
+# Arguments with which the actions of a domain are bounded.
+BOUNDED = {"open_cabinet": {"action_limit": 1.0}}
 GOALS = {"microwave": slice(0, 1), "kettle": slice(1, 8)}
 
 
@@ -28,6 +34,24 @@ def one_thread():
 
 def make(**options):
     return gymnasium.make(KITCHEN, goal_format="flat", **{**EASY, **options})
+
+
+# Observation types that are not nested, of all domains; actions must be bounded.
+CHECKED = [(name, obs_type) for name, domain in DOMAINS.items() for obs_type in domain.resolve("env").obs_types]
+
+
+@pytest.mark.rendering
+@pytest.mark.parametrize(("domain", "obs_type"), CHECKED)
+def test_its_checker_takes_every_observation_type(domain, obs_type):
+    from stable_baselines3.common.env_checker import check_env
+
+    pictures = {"image_size": (36, 36), "render_quality": "fast"} if "pixels" in obs_type else {}
+    goals = {"goal_format": "flat"} if obs_type == "goal" else {}
+    environment = gymnasium.make(
+        DOMAINS[domain].env_id, obs_type=obs_type, **BOUNDED.get(domain, {}), **pictures, **goals
+    )
+    check_env(environment.unwrapped)
+    environment.close()
 
 
 @pytest.mark.parametrize("info_format", ["lists", "arrays"])
@@ -298,6 +322,114 @@ def test_hindsight_relabelling_in_the_vectorised_environments(copy_info_dict):
     rewards = model.replay_buffer.sample(200).rewards.numpy().ravel()
     # The microwave may be rewarded once an episode by its info, but always where there is none.
     assert {*rewards} >= ({0.0, 1.0} if copy_info_dict else {1.0, 2.0})
+    environments.close()
+
+
+def test_its_own_argument_names_make_the_same_environments(tmp_path):
+    from stable_baselines3.common.env_util import make_vec_env
+
+    from kitchen_suite.bridges.stable_baselines3 import make_vec_env as make_ours
+
+    arguments = {
+        "env_id": KITCHEN,
+        "n_envs": 2,
+        "seed": 3,
+        "start_index": 4,
+        "env_kwargs": {**SUPPORTED[KITCHEN], "max_episode_steps": 5},
+        "monitor_kwargs": {"info_keywords": ("is_success",)},
+    }
+    plain = make_vec_env(**arguments, monitor_dir=str(tmp_path / "plain"))
+    fast = make_ours(**arguments, monitor_dir=tmp_path / "fast")
+    assert_same(plain.reset(), fast.reset())
+    for _ in range(5):
+        actions = np.zeros((2, 9))
+        for one, other in zip(plain.step(actions)[:3], fast.step(actions)[:3], strict=True):
+            assert_same(one, other)
+    for environments in (plain, fast):
+        environments.close()
+    # Its own vector writes a file for each environment.
+    expected = rows_of(tmp_path / "plain" / "4.monitor.csv") + rows_of(tmp_path / "plain" / "5.monitor.csv")
+    assert rows_of(tmp_path / "fast" / "4.monitor.csv") == expected == [(1.0, 5, "False")] * 2
+
+
+def rows_of(path):
+    """Return, length and success of the episodes in a file of its monitor, which begins with a comment."""
+    rows = csv.DictReader(path.read_text().splitlines()[1:])
+    return [(float(row["r"]), int(row["l"]), row["is_success"]) for row in rows]
+
+
+def test_all_its_argument_names_are_taken_or_refused_with_the_way():
+    import inspect
+
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    from kitchen_suite.bridges.stable_baselines3 import make_vec_env as make_ours
+
+    taken = inspect.signature(make_ours).parameters.keys()
+    refused_here = {
+        "vec_env_cls": DummyVecEnv,
+        "vec_env_kwargs": {"start_method": "spawn"},
+        "wrapper_class": Monitor,
+        "wrapper_kwargs": {"filename": None},
+    }
+    assert inspect.signature(make_vec_env).parameters.keys() <= taken | refused_here.keys()
+    for name, value in refused_here.items():
+        with refused(TypeError, name, "stable_baselines3.common.env_util.make_vec_env"):
+            make_ours(KITCHEN, 1, **{name: value})
+        # Its own default.
+        make_ours(CABINET, 1, num_threads=1, action_limit=1.0, **{name: None}).close()
+    with refused(TypeError, "num_envs", "n_envs"):
+        make_ours(KITCHEN, num_envs=2)
+    with refused(TypeError, "goal_format", "env_kwargs"):
+        make_ours(KITCHEN, goal_format="flat", env_kwargs={"goal_format": "flat"})
+    with refused(TypeError, "env_id"):
+        make_ours(DummyVecEnv)
+    with refused(TypeError, "allow_early_resets", "monitor_kwargs"):
+        make_ours(KITCHEN, monitor_kwargs={"allow_early_resets": False})
+
+
+def test_the_action_space_draws_the_same_for_the_same_seed():
+    draws = []
+    for _ in range(2):
+        environments = make_fast(CABINET, 1, seed=7)
+        draws.append(environments.action_space.sample().tolist())
+        environments.close()
+    assert draws[0] == draws[1]
+
+
+def test_the_record_of_gymnasium_has_the_limit_that_applies():
+    environments = make_fast(CABINET, 2, max_episode_steps=9)
+    assert [spec.max_episode_steps for spec in environments.get_attr("spec")] == [9, 9]
+    environments.close()
+
+
+@pytest.mark.parametrize("vectorised", [False, True], ids=["its own vector", "ours"])
+def test_hindsight_relabelling_begins_when_the_first_episodes_of_four_environments_have_ended(vectorised):
+    from stable_baselines3 import SAC, HerReplayBuffer
+    from stable_baselines3.common.env_util import make_vec_env
+
+    count = 4
+    if vectorised:
+        environments = make_fast(KITCHEN, count, info_keys=HINDSIGHT, max_episode_steps=20)
+    else:
+        kwargs = {**SUPPORTED[KITCHEN], "max_episode_steps": 20}
+        environments = make_vec_env(KITCHEN, n_envs=count, env_kwargs=kwargs)
+    settings = {
+        "replay_buffer_class": HerReplayBuffer,
+        "replay_buffer_kwargs": {"copy_info_dict": True},
+        "buffer_size": 1_000,
+        "device": "cpu",
+        "seed": 0,
+    }
+    early = SAC("MultiInputPolicy", environments, learning_starts=20 + 1, **settings)
+    with pytest.raises(RuntimeError, match="learning_starts"):
+        early.learn(20 * count)
+    model = SAC("MultiInputPolicy", environments, learning_starts=20 * count, **settings)
+    before = weights(model)
+    model.learn(25 * count)
+    assert not all(np.array_equal(old, new) for old, new in zip(before, weights(model), strict=True))
     environments.close()
 
 

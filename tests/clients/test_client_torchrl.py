@@ -4,6 +4,8 @@ import gymnasium
 import numpy as np
 import pytest
 
+from kitchen_suite.suite import DOMAINS
+
 pytestmark = pytest.mark.clients
 
 KITCHEN = "kitchen_suite.gymnasium_env:KitchenSuite/FrankaKitchen-v1"
@@ -107,3 +109,45 @@ def test_many_environments_are_stepped_by_processes(goal_format):
     assert got["observation"].shape == (2, 3, 59)
     assert got["next", "episode_step"].reshape(2, 3).tolist() == [[1, 2, 3]] * 2
     environment.close()
+
+
+# Arguments with which a vector's infos can be read and its actions are bounded.
+READABLE = {"kitchen": {"info_format": "arrays"}, "open_cabinet": {"action_limit": 1.0}}
+# TorchRL reads the infos of `SameStep`; it fails where they hold strings, as in the kitchen's, with Gymnasium's own
+# vectors as well.
+MODES = [(domain, "Disabled") for domain in DOMAINS] + [
+    (name, "SameStep") for name in ("open_cabinet", "microwave_table")
+]
+
+
+@pytest.mark.parametrize(("domain", "mode"), MODES)
+def test_a_vector_is_wrapped_as_gymnasiums_own(domain, mode):
+    import torch
+    from torchrl.envs import GymWrapper
+    from torchrl.envs.utils import check_env_specs
+
+    env_id = DOMAINS[domain].env_id
+    options = {"max_episode_steps": 5, **READABLE.get(domain, {})}
+    vectors = [
+        gymnasium.make_vec(env_id, 2, autoreset_mode=mode, num_threads=1, **options),
+        gymnasium.make_vec(env_id, 2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **options),
+    ]
+    rollouts = []
+    for vector in vectors:
+        environment = GymWrapper(vector)
+        environment.set_seed(0)
+        torch.manual_seed(0)
+        rollouts.append(environment.rollout(12, break_when_any_done=False))
+    for key in ("observation", ("next", "observation"), ("next", "reward"), ("next", "done")):
+        assert torch.equal(rollouts[0][key], rollouts[1][key]), key
+    assert rollouts[0]["next", "done"].sum() >= 4
+    check_env_specs(GymWrapper(gymnasium.make_vec(env_id, 2, autoreset_mode=mode, num_threads=1, **options)))
+    for vector in vectors:
+        vector.close()
+
+
+def test_the_mode_that_it_does_not_support_is_refused_by_name():
+    from torchrl.envs import GymWrapper
+
+    with pytest.raises(RuntimeError, match=r"SAME_STEP or DISABLED"):
+        GymWrapper(gymnasium.make_vec(KITCHEN, 2, num_threads=1))

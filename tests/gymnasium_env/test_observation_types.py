@@ -282,7 +282,7 @@ def test_pictures_change_nothing_but_the_observation():
         assert_same(one[0]["observation"][:18], other[0]["agent_pos"])
     assert_same(plain.get_state(), seeing.get_state())
     achieved, desired = one[0]["achieved_goal"], one[0]["desired_goal"]
-    assert seeing.compute_reward(achieved, desired, other[4]) == one[1]
+    assert plain.compute_reward(achieved, desired, other[4]) == one[1]
     seeing.close()
 
 
