@@ -14,13 +14,6 @@ from typing import Any
 
 from kitchen_suite.rendering import gl
 
-# What they define by the library that they chose.
-_OF_DM_CONTROL = ("BACKEND", "Renderer", "USING_GPU")
-_OF_MUJOCO = ("GLContext",)
-
-_DM_CONTROL = "dm_control._render"
-_MUJOCO = "mujoco.rendering.classic.gl_context"
-
 
 def _import_lazily(name: str) -> None:
     """Imports a module whose code runs when an attribute of it is first asked for.
@@ -47,8 +40,8 @@ def _choose_at_first_use(name: str, chosen: tuple[str, ...], *aliases: str) -> N
 
     The module then runs once more, as it would have run with this library.
     """
-    module = sys.modules[name]
-    modules = [module, *(importlib.import_module(alias) for alias in aliases)]
+    module = importlib.import_module(name)
+    modules = [module, *map(importlib.import_module, aliases)]
 
     def choose(attribute: str) -> Any:
         if attribute not in chosen:
@@ -65,21 +58,27 @@ def _choose_at_first_use(name: str, chosen: tuple[str, ...], *aliases: str) -> N
         each.__getattr__ = choose  # type: ignore[method-assign]
 
 
-def _chose_a_window(render: ModuleType) -> bool:
-    """Returns whether dm_control, imported before the suite, chose GLFW where there is no display."""
-    return vars(render).get("BACKEND") in ("glfw", None) and not gl.has_display()
+def _import_without_gl(name: str, *aliases: str, chosen: tuple[str, ...]) -> None:
+    """Imports a module that chooses a GL library, and has it choose at first use.
+
+    It also chooses anew where other code imported it before: where there is no display, it may have chosen a window.
+    """
+    before = sys.modules.get(name)
+    with gl.variable("disable"):
+        importlib.import_module(name)
+    if before is None or (_has_windows(before) and not gl.has_display()):
+        _choose_at_first_use(name, chosen, *aliases)
+
+
+def _has_windows(module: ModuleType) -> bool:
+    """Returns whether a module chose GLFW, or found nothing."""
+    backend = vars(module).get("BACKEND", vars(module).get("GLContext"))
+    return backend in ("glfw", None) or getattr(backend, "__module__", "") == "mujoco.glfw"
 
 
 if gl.is_open():
     gl.note_opened_by_others()
 # Gymnasium's renderer, which gymnasium-robotics imports, opens GLFW's library.
 _import_lazily("glfw")
-with gl.variable("disable"):
-    if "mujoco" not in sys.modules:
-        importlib.import_module(_MUJOCO)
-        _choose_at_first_use(_MUJOCO, _OF_MUJOCO, "mujoco", "mujoco.gl_context")
-    if _DM_CONTROL not in sys.modules:
-        importlib.import_module(_DM_CONTROL)
-        _choose_at_first_use(_DM_CONTROL, _OF_DM_CONTROL)
-if _chose_a_window(sys.modules[_DM_CONTROL]):
-    _choose_at_first_use(_DM_CONTROL, _OF_DM_CONTROL)
+_import_without_gl("mujoco.rendering.classic.gl_context", "mujoco", "mujoco.gl_context", chosen=("GLContext",))
+_import_without_gl("dm_control._render", chosen=("BACKEND", "Renderer", "USING_GPU"))
