@@ -161,7 +161,7 @@ class Domain:
         time_limit: float | Literal["default"] | None = "default",
         random: int | np.random.RandomState | None = None,
         visuals: bool = True,
-        render_quality: str = "high",
+        render_quality: str | None = "high",
         physics: str | None = None,
         environment_kwargs: Mapping[str, Any] | None = None,
         **arguments: Any,
@@ -173,7 +173,8 @@ class Domain:
           random: seed, or random state to draw from.
           visuals: False omits geoms and textures that only rendering needs; trajectories are the same to the bit.
           render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
-            faces; see `rendering.quality.set_render_quality`.
+            faces; see `rendering.quality.set_render_quality`. None is `fast`, without a warning where the packages for
+            light meshes are missing.
           physics: `exact`, or `fast`: another integration of the same model; see docs/guide/fast_physics.md. The
             domain's when omitted.
           environment_kwargs: further arguments of `Environment`.
@@ -207,7 +208,9 @@ class Domain:
             from kitchen_suite.entities.assets import is_visual
             from kitchen_suite.rendering.quality import set_render_quality
 
-            set_render_quality(task.root_entity.mjcf_model, render_quality, is_visual)
+            is_asked_for = render_quality is not None
+            quality = "fast" if render_quality is None else render_quality
+            set_render_quality(task.root_entity.mjcf_model, quality, is_visual, warn=is_asked_for)
         settings = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False, **given}
         return Environment(task, time_limit=limit, random_state=random, **settings)
 

@@ -120,20 +120,26 @@ def load_triton() -> None:
     if not sys.platform.startswith("linux"):
         return
     mode = os.RTLD_NOW | (os.RTLD_DEEPBIND if is_mapped(_LLVM) else 0)
-    for path in _triton_libraries():
+    for path in triton_libraries():
         # A build that cannot be loaded here harms nobody.
         with contextlib.suppress(OSError):
             ctypes.CDLL(str(path), mode=mode)
 
 
 @functools.cache
-def _triton_libraries() -> tuple[Path, ...]:
+def triton_libraries() -> tuple[Path, ...]:
+    """Returns the files of triton's library; none where it is not installed."""
     try:
         spec = importlib.util.find_spec("triton")
     except ValueError:  # A stand-in without a specification is imported.
         spec = None
     folders = (spec and spec.submodule_search_locations) or ()
     return tuple(path for folder in folders for path in Path(folder, "_C").glob("libtriton*.so"))
+
+
+def signal_beside_triton(library: str) -> int:
+    """Returns the signal that ends a program which opens a GL library and then imports triton; 0 if it is not ended."""
+    return max(0, -_run(f"{_RENDER_ONE_FRAME}; import triton", library))
 
 
 def is_mapped(*names: str) -> bool:
@@ -254,8 +260,13 @@ def find_library() -> str:
 @functools.cache
 def can_render(library: str) -> bool:
     """Returns whether a frame can be rendered; tried in a child process, since a failed attempt cannot be undone."""
-    command = [sys.executable, "-c", _RENDER_ONE_FRAME]
-    return subprocess.run(command, env={**os.environ, _VARIABLE: library}, capture_output=True).returncode == 0
+    return _run(_RENDER_ONE_FRAME, library) == 0
+
+
+def _run(program: str, library: str) -> int:
+    """Runs a program in another process, with a GL library; returns how it ended."""
+    environment = {**os.environ, _VARIABLE: library}
+    return subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True).returncode
 
 
 def installed_library() -> str | None:

@@ -1,10 +1,7 @@
 """GL contexts are freed quietly, whoever drops them, and do not pile up."""
 
-import subprocess
-import sys
-
 import pytest
-from test_first_image import UNSET, run
+from helpers.headless import run
 
 pytestmark = pytest.mark.rendering
 
@@ -71,5 +68,4 @@ for index in range(200):
         early = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - early < 100 * 1024)
 """
-    done = subprocess.run([sys.executable, "-c", code], env=UNSET, capture_output=True, text=True, timeout=600)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "True\n", "")
+    assert run(code, timeout=600) == (0, "True\n", "")

@@ -1,22 +1,14 @@
 """No GL library is opened before the first image, and then it works in any order of imports, without a display."""
 
 import itertools
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from helpers.headless import run
 
 from kitchen_suite import suite
 
 needs_maps = pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="only Linux lists the mapped libraries")
-
-UNSET = {
-    name: value
-    for name, value in os.environ.items()
-    if name not in ("MUJOCO_GL", "PYOPENGL_PLATFORM", "DISPLAY", "WAYLAND_DISPLAY")
-}
 
 # Prints a line for each use of the suite that opened a library, and one at the end.
 WATCHED = """
@@ -61,13 +53,6 @@ COMMANDS = (
     "COMMANDS['evaluate'].main(['--num_episodes=1', '--policy=zero'])",
     "COMMANDS['doctor'].main([])",
 )
-
-
-def run(code, **variables):
-    """Runs a program on a machine without a display; returns its status, stdout and stderr."""
-    environment = {**UNSET, **variables}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=200)
-    return done.returncode, done.stdout, done.stderr
 
 
 def watched(uses, **values):
