@@ -78,7 +78,7 @@ IMPORTS = {
 # Makes an environment, trains in it, films and evaluates what it learned.
 PROGRAM = """
 import gymnasium
-from gymnasium.wrappers import RecordVideo
+import imageio
 
 def make(**options):
     return gymnasium.make(
@@ -87,8 +87,9 @@ def make(**options):
 
 model = PPO("MlpPolicy", make(obs_type="state"), n_steps=16, batch_size=16, n_epochs=1, device="cpu", seed=0)
 model.learn(32)
-film = RecordVideo(make(obs_type="state", render_mode="rgb_array", width=64, height=64), "films")
+film = make(obs_type="state", render_mode="rgb_array_list", width=64, height=64)
 rewards, lengths = evaluate_policy(model, film, n_eval_episodes=1, return_episode_rewards=True, warn=False)
+imageio.mimsave("film.mp4", film.render(), fps=25)
 film.close()
 assert lengths == [8]
 model.learn(16)
@@ -101,7 +102,7 @@ def test_a_program_makes_trains_films_and_evaluates_in_any_order_of_imports(orde
     code = "\n".join(("import warnings; warnings.simplefilter('ignore')", *(IMPORTS[name] for name in order), PROGRAM))
     status, _, err = run(code, folder=tmp_path)
     assert status == 0, err
-    assert [*(tmp_path / "films").glob("*.mp4")]
+    assert (tmp_path / "film.mp4").stat().st_size > 1000
 
 
 def test_kitchen_train_films_beside_its_training(tmp_path):
