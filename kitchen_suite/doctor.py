@@ -122,7 +122,7 @@ def _facts() -> dict[str, str]:
         "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md",
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
-        "GL beside triton": _clash(),
+        "triton beside GL": _clash(),
         **{f"extra {name}": fact for name, fact in _extras().items()},
     }
 

@@ -87,12 +87,17 @@ class Renderer:
 class _MujocoRenderer(mujoco_rendering.MujocoRenderer):
     """Gymnasium's renderer, whose arrays are rendered in a GL context of the suite; see `rendering.contexts`."""
 
+    # Gymnasium's are optional.
+    width: int
+    height: int
+    viewer: Any
+
     def render(self, render_mode: str | None) -> np.ndarray | None:
         if render_mode == "human":
             gl.check_process()
             return super().render(render_mode)
-        context = self._get_viewer(render_mode).context
-        with context.make_current():
+        viewer = self._get_viewer(render_mode)
+        with viewer.context.make_current():
             return super().render(render_mode)
 
     def close(self) -> None:
@@ -103,7 +108,7 @@ class _MujocoRenderer(mujoco_rendering.MujocoRenderer):
                 viewer.con.free()
         super().close()
 
-    def _get_viewer(self, render_mode: str | None) -> mujoco_rendering.BaseRender:
+    def _get_viewer(self, render_mode: str | None) -> Any:
         if render_mode in self._viewers:
             viewer = super()._get_viewer(render_mode)
             # Another environment may have rendered since.
@@ -114,11 +119,13 @@ class _MujocoRenderer(mujoco_rendering.MujocoRenderer):
             with gl.opening():
                 return super()._get_viewer(render_mode)
         with contexts.new_context(self.width, self.height) as context:
-            self.viewer = _Viewer(context, self.model, self.data, self.width, self.height, self.max_geom, self._vopt)
-            context.hold(self.viewer.con)
+            viewer = _Viewer(context, self.model, self.data, self.width, self.height, self.max_geom, self._vopt)
+            context.hold(viewer.con)
+        # Gymnasium sets the camera of the present viewer.
+        self.viewer = viewer
         self._set_cam_config()
-        self._viewers[render_mode] = self.viewer
-        return self.viewer
+        self._viewers[render_mode] = viewer
+        return viewer
 
 
 class _Viewer(mujoco_rendering.OffScreenViewer):

@@ -112,6 +112,8 @@ class _Resources:
                 self.objects.free()
         with _left_as_it_was(self._library):
             self._gl.free()
+            # MuJoCo's frees itself once more when it is collected.
+            del self._gl
 
 
 _alive: set[_Resources] = set()
@@ -154,7 +156,8 @@ def _current_egl() -> Callable[[], Any]:
 
 
 def _current_osmesa() -> Callable[[], Any]:
-    from OpenGL import GL, osmesa
+    # It sets PyOpenGL to OSMesa before it imports it.
+    from mujoco.osmesa import GL, osmesa
 
     context = osmesa.OSMesaGetCurrentContext()
     if not context:
@@ -168,7 +171,8 @@ def _current_glfw() -> Callable[[], Any]:
     import glfw
 
     window = glfw.get_current_context()
-    return functools.partial(glfw.make_context_current, window or None)
+    make_current: Callable[[Any], Any] = glfw.make_context_current
+    return functools.partial(make_current, window or None)
 
 
 _CURRENT: Mapping[str, Callable[[], Callable[[], Any]]] = {

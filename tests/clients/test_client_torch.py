@@ -118,6 +118,6 @@ def test_kitchen_train_films_beside_its_training(tmp_path):
 
 
 def test_the_doctor_names_a_clash(tmp_path):
-    status, out, err = run("from kitchen_suite import doctor; print(doctor._facts()['GL beside triton'])")
+    status, out, err = run("from kitchen_suite import doctor; print(doctor._facts()['triton beside GL'])")
     assert status == 0, err
     assert out.startswith(("clash: signal 11", "no clash", "triton is not installed"))

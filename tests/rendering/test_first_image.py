@@ -1,5 +1,6 @@
 """No GL library is opened before the first image, and then it works in any order of imports, without a display."""
 
+import ctypes.util
 import itertools
 from pathlib import Path
 
@@ -110,6 +111,7 @@ assert all((one == other).all() for one, other in zip(first, second))
 assert os.environ.get("MUJOCO_GL") == variable
 renderer.close()
 env.close()
+theirs.free()
 """
 
 
@@ -118,6 +120,13 @@ env.close()
 def test_any_order_of_imports_renders_without_a_display(order):
     code = "\n".join(("import warnings; warnings.simplefilter('ignore')", *(IMPORTS[name] for name in order)))
     assert run(f"{code}\n{IMAGES}") == (0, "", "")
+
+
+@pytest.mark.rendering
+@pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="needs libosmesa6")
+def test_osmesa_renders_beside_dm_control_as_well():
+    code = "\n".join((*IMPORTS.values(), IMAGES))
+    assert run(code, MUJOCO_GL="osmesa") == (0, "", "")
 
 
 @pytest.mark.rendering
