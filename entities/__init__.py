@@ -1,6 +1,6 @@
 """Entities: the Franka, the props and the arenas of the domains; each usable and viewable alone."""
 
-import kitchen_suite.rendering.choice  # noqa: F401
+import kitchen_suite.rendering.without_gl  # noqa: F401
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
 from kitchen_suite.entities.designs import GeneratedKitchen, KitchenDesign, build_generated_kitchen
 from kitchen_suite.entities.franka import Franka

@@ -122,6 +122,7 @@ def _facts() -> dict[str, str]:
         "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md",
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
+        "triton beside GL": _clash(),
         **{f"extra {name}": fact for name, fact in _extras().items()},
     }
 
@@ -131,6 +132,22 @@ def _gl() -> str:
         return f"{gl.find_library()} renders"
     except OSError as error:
         return f"nothing can be rendered: {_in_one_line(error)}"
+
+
+def _clash() -> str:
+    """Returns what becomes of a program that opens a GL library before PyTorch's triton."""
+    if not gl.triton_libraries():
+        return "triton is not installed"
+    try:
+        number = gl.signal_beside_triton(gl.find_library())
+    except OSError:
+        return "nothing can be rendered"
+    if not number:
+        return "no clash"
+    return (
+        f"clash: signal {number} ends a program that opens GL before triton; the suite loads triton before its first "
+        "image, programs that render without it have to import triton first"
+    )
 
 
 def _in_one_line(error: Exception) -> str:

@@ -8,6 +8,9 @@ Whether gymnasium_robotics is imported before or after, `FrankaKitchen-v1` is th
 gymnasium_robotics are its own.
 """
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import contextlib
 import io
 

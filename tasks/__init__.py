@@ -1,6 +1,6 @@
 """The tasks, by domain: observables, actions, rewards, termination and the start of episodes."""
 
-import kitchen_suite.rendering.choice  # noqa: F401
+import kitchen_suite.rendering.without_gl  # noqa: F401
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.extra_observations import Observation
 from kitchen_suite.tasks.goals import Goal

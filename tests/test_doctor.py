@@ -37,6 +37,7 @@ def known_here(monkeypatch, found):
 
 def test_facts_are_told_a_line_each(run, quick, monkeypatch):
     monkeypatch.setattr(gl, "find_library", lambda: "egl")
+    monkeypatch.setattr(gl, "triton_libraries", lambda: ())
     status, out = run()
     lines = out.splitlines()
     assert status in (0, 1)
@@ -44,7 +45,17 @@ def test_facts_are_told_a_line_each(run, quick, monkeypatch):
     for name in ("python", "processor", "mujoco", "GL", "extra train", "digest kitchen exact", "digest kitchen fast"):
         assert sum(line.startswith(f"{name} ") for line in lines) == 1
     assert "egl renders" in out
+    assert "triton is not installed" in out
     assert {line.split()[1] for line in lines if line.startswith("digest")} == {*suite.DOMAINS}
+
+
+@pytest.mark.parametrize(("signal", "words"), [(0, "no clash"), (11, "signal 11 ends a program that opens GL before")])
+def test_a_clash_of_gl_and_triton_is_named(run, quick, monkeypatch, signal, words):
+    monkeypatch.setattr(gl, "find_library", lambda: "egl")
+    monkeypatch.setattr(gl, "triton_libraries", lambda: ("libtriton.so",))
+    monkeypatch.setattr(gl, "signal_beside_triton", lambda library: signal)
+    _, out = run()
+    assert words in out
 
 
 @pytest.mark.thorough

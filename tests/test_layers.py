@@ -34,7 +34,7 @@ ORDER = (
 GROUND = ("", "checks", "files", "lazy", "names", "versions")
 BESIDE = {"workers": ("rendering",), "rendering": ()}
 # For users: `kitchen_suite.experts`, `kitchen_suite.load`, `python -m kitchen_suite` and the console scripts.
-ALIASES = {"experts": ("policies",), "": ("suite",), "__main__": ("cli",), "console": ("cli",), "original": ("suite",)}
+ALIASES = {"experts": ("policies",), "": ("suite",), "__main__": ("cli",), "console": ("cli",), "original": ("suite", "rendering")}
 
 # Where a library may be imported.
 HOMES = {
@@ -136,14 +136,28 @@ def test_no_command_imports_dm_control_before_the_gl_library_is_chosen():
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
 
 
-# Commands choose the GL library before they import these.
-COMMANDS_ALONE = {"cli", "training", "evaluation", "recordings", "benchmarks", "rollouts"}
+# Libraries that open a GL library when they are imported, unless `rendering.without_gl` is imported before.
+OPENERS = ("dm_control", "glfw", "gymnasium.envs.mujoco", "gymnasium_robotics", "mink", "mjviser", "mujoco")
 
 
-def test_the_gl_library_is_chosen_before_dm_control_is_imported():
-    choosing = {module for module in MODULES if "rendering.choice" in dependencies(module)}
+def test_no_module_opens_a_gl_library():
+    """Each module that imports one of these imports `without_gl` before, or is in a package that does."""
     for module, tree in MODULES.items():
-        imports = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
-        names = {name.partition(".")[0] for node in imports for name in imported_names(node)}
-        if "dm_control" in names and package(module) not in COMMANDS_ALONE:
-            assert choosing & {module.rpartition(".")[0], package(module)}, module
+        names = [
+            name
+            for node in tree.body
+            if isinstance(node, ast.Import | ast.ImportFrom)
+            for name in (*imported_names(ast.Module([node], [])), getattr(node, "module", None) or "")
+        ]
+        opens = [name.startswith(OPENERS) for name in names]
+        prepares = ["without_gl" in name for name in names]
+        of_package = any("rendering.without_gl" in dependencies(each) for each in parents(module))
+        if any(opens) and module != "rendering.without_gl" and not of_package:
+            assert any(prepares), module
+            assert prepares.index(True) < opens.index(True), module
+
+
+def parents(module):
+    """The packages that are imported before a module."""
+    parts = module.split(".")
+    return [".".join(parts[:count]) for count in range(1, len(parts))]

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import mujoco
 import numpy as np
 import tracking
@@ -54,6 +55,24 @@ def write_pictures() -> None:
     write_camera_sheets()
     write_goal_sheet()
     write_variation_sheets()
+    write_quality_picture()
+
+
+def write_quality_picture() -> None:
+    """Renders the kitchen in the qualities `high` and `fast`, side by side, as Gymnasium's `render()` shows it."""
+    images = []
+    for quality in ("high", "fast"):
+        env = gymnasium.make(
+            "kitchen_suite:KitchenSuite/Kettle-v1",
+            render_mode="rgb_array",
+            width=PICTURE_WIDTH,
+            height=PICTURE_HEIGHT,
+            render_quality=quality,
+        )
+        env.reset(seed=0)
+        images.append(env.render())
+        env.close()
+    save_photograph(np.hstack(images), "render_quality")
 
 
 def write_cabinet_picture() -> None:

@@ -1,5 +1,8 @@
 """Benchmark cases: simulations and environments that run one episode with given actions."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import abc
 import dataclasses
 import itertools

@@ -1,5 +1,8 @@
 """Benchmark cases of the kitchen, of Gymnasium-Robotics and, where installed, EnvPool; no episode terminates."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import contextlib
 import importlib.util
 import warnings

@@ -1,8 +1,10 @@
 """Measures control steps per second, the time of a control step beyond physics, and memory."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import concurrent.futures
 import contextlib
-import functools
 import itertools
 import multiprocessing
 import resource
@@ -23,7 +25,6 @@ from tqdm import tqdm
 
 from kitchen_suite.benchmarks.cases import NUM_THREADS, BenchmarkDomain, Case
 from kitchen_suite.environment import Environment
-from kitchen_suite.rendering import gl
 
 # Control steps per second in each round, by name of the case.
 Rates = dict[str, list[float]]
@@ -142,11 +143,9 @@ def memory_in_use(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
 
 def memory_per_environment(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
     """Measures the memory of each environment beyond the first [MiB], in new processes with one and all of them."""
-    # Before dm_control is imported with the function that is submitted.
-    prepare = functools.partial(gl.prepare, rendering=False)
     memory = []
     for count in (1, num_envs):
-        with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), prepare) as executor:
+        with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as executor:
             memory.append(executor.submit(memory_in_use, domain, name, count).result())
     return (memory[1] - memory[0]) / (num_envs - 1)
 

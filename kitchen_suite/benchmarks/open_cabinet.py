@@ -1,5 +1,8 @@
 """Benchmark cases of open_cabinet."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import mujoco
 import numpy as np
 from dm_control import composer, mjcf

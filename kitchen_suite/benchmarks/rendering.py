@@ -1,5 +1,8 @@
 """Measures frames per second of renderers, and what a frame consists of."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import contextlib
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence

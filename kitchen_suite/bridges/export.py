@@ -1,5 +1,8 @@
 """The work of `kitchen-export`: the scene of an episode as files that `mujoco` alone loads."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import contextlib
 import importlib.metadata
 from collections.abc import Mapping

@@ -1,5 +1,8 @@
 """Writes what variations have changed in a compiled model back to the MJCF that it was compiled from."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple

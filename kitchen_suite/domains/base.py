@@ -177,7 +177,7 @@ class Domain:
         random: int | np.random.RandomState | None = None,
         episode_seeds: bool | int = False,
         visuals: bool = True,
-        render_quality: str = "high",
+        render_quality: str | None = "high",
         physics: str | None = None,
         control_timestep: float | None = None,
         environment_kwargs: Mapping[str, Any] | None = None,
@@ -191,7 +191,8 @@ class Domain:
           episode_seeds: whether each episode has a seed of its own, from `random` on; see `Environment`.
           visuals: False omits geoms and textures that only rendering needs; trajectories are the same to the bit.
           render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
-            faces; see `rendering.quality.set_render_quality`.
+            faces; see `rendering.quality.set_render_quality`. None is `fast`, without a warning where the packages for
+            light meshes are missing.
           physics: `exact`, or `fast`: another integration of the same model; see docs/guide/fast_physics.md. The
             domain's when omitted.
           control_timestep: length of a control step [s], a whole number of physics steps; the domain's when omitted.
@@ -231,7 +232,9 @@ class Domain:
             from kitchen_suite.entities.assets import is_visual
             from kitchen_suite.rendering.quality import set_render_quality
 
-            set_render_quality(task.root_entity.mjcf_model, render_quality, is_visual)
+            is_asked_for = render_quality is not None
+            quality = "fast" if render_quality is None else render_quality
+            set_render_quality(task.root_entity.mjcf_model, quality, is_visual, warn=is_asked_for)
         settings: dict[str, Any] = {
             "strip_singleton_obs_buffer_dim": True,
             "recompile_mjcf_every_episode": False,

@@ -13,7 +13,7 @@ import numpy as np
 from dm_control import composer, mjcf
 from dm_control.composer import observation
 from dm_control.composer.observation import observable
-from dm_control.mujoco import Camera
+from dm_control.mujoco import Camera, engine
 from dm_control.mujoco.wrapper import MjData
 from dm_control.rl import control
 from dm_env import specs
@@ -26,7 +26,7 @@ from kitchen_suite.environment.edits import MjcfSnapshot
 from kitchen_suite.environment.named import NamedData, NamedModel, Names
 from kitchen_suite.environment.seeds import NEXT_SEED, UNKNOWN, checked_next_seed, checked_stride, known
 from kitchen_suite.names import EXACT
-from kitchen_suite.rendering import gl
+from kitchen_suite.rendering import contexts
 from kitchen_suite.tasks.observables import Camera as PictureCamera
 from kitchen_suite.tasks.task import SuiteTask
 
@@ -46,25 +46,24 @@ CONTROL_TIMESTEP = "control_timestep"
 
 
 class Physics(mjcf.Physics):
-    """`mjcf.Physics` that keeps the scenes it renders; where it can render none, a RuntimeError names the remedy."""
+    """`mjcf.Physics` that keeps the scenes it renders, in a GL context of the suite; see `rendering.contexts`."""
 
     def render(
         self, height: int = 240, width: int = 320, camera_id: int | str = -1, *arguments: Any, **options: Any
     ) -> NDArray:
-        """Returns an image as `mjcf.Physics.render` does.
+        """Returns an image as `mjcf.Physics.render` does; a RuntimeError, if there can be none, names the remedy.
 
         dm_control allocates a scene for each image, which takes up to a third of the time of a fast one. Here the
         scenes of the model's cameras are kept until the GL context is freed.
         """
-        with gl.rendering(self):
-            if camera_id == -1 or options.get("scene_callback"):
-                return super().render(height, width, camera_id, *arguments, **options)
-            options.pop("scene_callback", None)
-            key = (height, width, camera_id)
-            if key not in self._cameras:
-                self._cameras[key] = Camera(self, height, width, camera_id)
-            # A copy, since a camera draws all its images into the same array.
-            return np.array(self._cameras[key].render(*arguments, **options))
+        if camera_id == -1 or options.get("scene_callback"):
+            return super().render(height, width, camera_id, *arguments, **options)
+        options.pop("scene_callback", None)
+        key = (height, width, camera_id)
+        if key not in self._cameras:
+            self._cameras[key] = Camera(self, height, width, camera_id)
+        # A copy, since a camera draws all its images into the same array.
+        return np.array(self._cameras[key].render(*arguments, **options))
 
     def use_names(self, names: Names) -> None:
         """Makes joints, actuators, bodies and sites of model and data be found by further names as well."""
@@ -75,17 +74,12 @@ class Physics(mjcf.Physics):
         if self._contexts:
             self._free_rendering_contexts()
 
-    def leave_context(self) -> None:
-        if self._contexts:
-            # Otherwise dm_control would free it when the process ends.
-            self._contexts.gl._render_executor._terminated = True  # noqa: SLF001
-            gl.keep_forever(self._contexts)
-            self._contexts: Any = None
-            self._cameras.clear()
-
     def _make_rendering_contexts(self) -> None:
-        with gl.making_dm_control_context(self):
-            super()._make_rendering_contexts()
+        framebuffer = self.model.vis.global_
+        with contexts.new_context(framebuffer.offwidth, framebuffer.offheight) as context:
+            context.hold(mujoco.MjrContext(self.model.ptr, mujoco.mjtFontScale.mjFONTSCALE_150))
+            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context.ptr)
+        self._contexts = engine.Contexts(gl=context, mujoco=context)
 
     def _free_rendering_contexts(self) -> None:
         self._cameras.clear()

@@ -1,5 +1,8 @@
 """The work of `kitchen-certify`: kitchens are built, measured, and played in by the scripted expert."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import collections
 import concurrent.futures
 import functools

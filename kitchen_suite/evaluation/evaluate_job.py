@@ -1,5 +1,8 @@
 """The work of `kitchen-evaluate`."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import collections
 import contextlib
 import dataclasses

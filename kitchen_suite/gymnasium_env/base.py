@@ -98,7 +98,7 @@ class SuiteEnv(gymnasium.Env):
         visual_options: Mapping[int, bool] | None = None,
         max_episode_steps: int | None = None,
         visuals: bool | None = None,
-        render_quality: str = "high",
+        render_quality: str | None = None,
         physics: str | None = None,
         control_timestep: float | None = None,
         obs_type: str | None = None,
@@ -122,7 +122,8 @@ class SuiteEnv(gymnasium.Env):
           max_episode_steps: control steps after which the environment itself truncates; `gymnasium.make` counts
             separately.
           visuals: whether to build geoms and textures that only pictures need; when omitted, where there are pictures.
-          render_quality: `high` or `fast`; see `Domain.load`.
+          render_quality: `high` or `fast`; see `Domain.load`. When omitted, `fast` where images are those of `render()`
+            alone, and `high` where images are observed: both are of one model.
           physics: `exact` or `fast`; the domain's when omitted; see `Domain.load`. With `fast`, infos have `physics`.
           control_timestep: length of a control step [s]; the domain's when omitted; see `Domain.load`. Where it is
             another one, infos have `control_timestep`. Step limits stay as many control steps.
@@ -160,6 +161,8 @@ class SuiteEnv(gymnasium.Env):
         self.max_episode_steps = self._max_episode_steps = max_episode_steps
         limit = math.inf if action_limit is None else checks.number(action_limit, "action_limit", positive=True)
         with_visuals = render_mode is not None or with_pictures
+        if render_quality is None and (with_pictures or render_mode is None):
+            render_quality = "high"
         self.environment: Environment = record.load(
             time_limit=None,
             visuals=with_visuals if visuals is None else checks.boolean(visuals, "visuals"),

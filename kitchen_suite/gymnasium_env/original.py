@@ -5,6 +5,9 @@ and everything that takes them works: `mujoco.mj_forward(env.unwrapped.model, en
 in the original, or raises an error that names what to use instead; none is silently ignored.
 """
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType

@@ -1,5 +1,8 @@
 """Pictures of a Gymnasium environment, by Gymnasium's own MuJoCo renderer."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,7 +12,7 @@ from gymnasium.envs.mujoco import mujoco_rendering
 
 from kitchen_suite import checks
 from kitchen_suite.environment import Environment
-from kitchen_suite.rendering import gl
+from kitchen_suite.rendering import contexts, gl
 
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 
@@ -89,27 +92,30 @@ class Renderer:
 
 
 class _MujocoRenderer(mujoco_rendering.MujocoRenderer):
-    """Gymnasium's renderer, with a clear error where no GL library works, and beside others in one process."""
+    """Gymnasium's renderer, whose arrays are rendered in a GL context of the suite; see `rendering.contexts`."""
+
+    # Gymnasium's are optional.
+    width: int
+    height: int
+    viewer: Any
 
     def render(self, render_mode: str | None) -> np.ndarray | None:
-        with gl.rendering(self):
+        if render_mode == "human":
+            gl.check_process()
+            return super().render(render_mode)
+        viewer = self._get_viewer(render_mode)
+        with viewer.context.make_current():
             return super().render(render_mode)
 
-    def free_context(self) -> None:
-        self.close()
-
-    def leave_context(self) -> None:
-        gl.keep_forever(self._viewers)
-        self._viewers = {}
-
     def close(self) -> None:
-        # MuJoCo's own objects first, in their own context: freed later, they would be those of another one.
         for viewer in self._viewers.values():
-            viewer.make_context_current()
-            viewer.con.free()
+            if isinstance(viewer, mujoco_rendering.WindowViewer):
+                # MuJoCo's own objects first, in their own context: freed later, they would be those of another one.
+                viewer.make_context_current()
+                viewer.con.free()
         super().close()
 
-    def _get_viewer(self, render_mode: str | None) -> mujoco_rendering.BaseRender:
+    def _get_viewer(self, render_mode: str | None) -> Any:
         if render_mode in self._viewers:
             viewer = super()._get_viewer(render_mode)
             # Another environment may have rendered since.
@@ -117,8 +123,38 @@ class _MujocoRenderer(mujoco_rendering.MujocoRenderer):
             return viewer
         if render_mode == "human":
             gl.check_window()
-        with gl.making_context(self):
-            return super()._get_viewer(render_mode)
+            with gl.opening():
+                return super()._get_viewer(render_mode)
+        with contexts.new_context(self.width, self.height) as context:
+            viewer = _Viewer(context, self.model, self.data, self.width, self.height, self.max_geom, self._vopt)
+            context.hold(viewer.con)
+        # Gymnasium sets the camera of the present viewer.
+        self.viewer = viewer
+        self._set_cam_config()
+        self._viewers[render_mode] = viewer
+        return viewer
+
+
+class _Viewer(mujoco_rendering.OffScreenViewer):
+    """Gymnasium's viewer in a GL context of the suite, which is current where the viewer is made and used."""
+
+    def __init__(self, context: contexts.Context, *args: Any) -> None:
+        """Takes the context, then the arguments of `OffScreenViewer`."""
+        self.context = context
+        super().__init__(*args)
+
+    def _get_opengl_backend(self, width: int, height: int) -> None:
+        """Makes none: the context is given."""
+
+    def make_context_current(self) -> None:
+        """Does nothing."""
+
+    def close(self) -> None:
+        # Without an end of GLFW, as Gymnasium has it: other environments may show windows.
+        self.context.free()
+
+    def free(self) -> None:
+        """Does nothing when Gymnasium's viewer is collected: the context sees to itself."""
 
 
 def checked_render_mode(render_mode: str) -> str:

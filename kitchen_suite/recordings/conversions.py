@@ -1,5 +1,8 @@
 """The work of `kitchen-convert`: recordings become datasets, and datasets recordings."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import contextlib
 import dataclasses
 import pkgutil

@@ -1,5 +1,8 @@
 """Replays recorded actions, and compares the episodes: the work of `kitchen-replay`."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import contextlib
 import dataclasses
 import itertools

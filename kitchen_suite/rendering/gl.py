@@ -1,21 +1,24 @@
-"""Chooses MuJoCo's GL library. dm_control loads the library that `MUJOCO_GL` names when it is first imported."""
+"""The GL library that images are rendered with: it is chosen, and opened, for the first image of a process.
+
+A library that only images need is not opened before: `without_gl` has the reason. `contexts` has what is made with it.
+"""
 
 import atexit
 import contextlib
 import ctypes
 import functools
-import importlib
+import importlib.util
 import os
 import subprocess
 import sys
-import threading
-import weakref
+import warnings
 from collections.abc import Callable, Iterator, Mapping
-from typing import Protocol
+from pathlib import Path
 
 from kitchen_suite import checks
 
 _VARIABLE = "MUJOCO_GL"
+_PYOPENGL = "PYOPENGL_PLATFORM"
 _HEADLESS_LIBRARIES = ("egl", "osmesa")
 _VALUES = (*_HEADLESS_LIBRARIES, "glfw", "disable")
 
@@ -23,128 +26,152 @@ _VALUES = (*_HEADLESS_LIBRARIES, "glfw", "disable")
 _GLFW = ("on", "enable", "enabled", "true", "1")
 _DISABLED = ("off", "disable", "disabled", "false", "0")
 
-_DM_CONTROL_RENDERER = "dm_control._render"
 _RENDER_ONE_FRAME = "from dm_control import mujoco; mujoco.Physics.from_xml_string('<mujoco/>').render(8, 8)"
 
 # EGL_PLATFORM_DEVICE_EXT of EGL's headers: displays of graphics cards and of software, without a window system.
 _PLATFORM_DEVICE = 0x313F
 _MAX_DEVICES = 32
 
+# The libraries that this process has mapped, on Linux.
+_MAPS = Path("/proc/self/maps")
 
-class ContextOwner(Protocol):
-    """An object that holds a GL context."""
+# Of Mesa's software driver.
+_LLVM = "libLLVM"
 
-    def free_context(self) -> None:
-        """Frees the GL context."""
+# Parts of the names of drivers, which are open only where a GL library has been initialised.
+_DRIVERS = ("_dri.so", "libgallium", "libGLX_", "libOSMesa", "libEGL_nvidia", "libnvidia-eglcore", _LLVM)
 
-    def leave_context(self) -> None:
-        """Forgets the GL context, without a GL call, in a process that was forked."""
+# The library that `prepare` found.
+_library: str | None = None
+
+# Numbers of the processes that have made GL contexts: of this one, and of those that it was forked from.
+_processes: set[int] = set()
+
+# Number of the process in which other code had opened a GL library before the suite was imported.
+_process_of_others: int | None = None
 
 
 def prepare(*, rendering: bool | None) -> None:
-    """Imports dm_control for a command. If images will be rendered, a GL library is tried and chosen before.
+    """Finds the GL library for a command that will render images, by rendering one in another process.
 
-    Then it sets `MUJOCO_GL` if that is unset; otherwise no GL library is loaded. With None, for images that may be
-    rendered, one is loaded where that is possible, as `import_dm_control` does.
+    With None, for images that may be rendered, and with False nothing is done.
 
     Raises:
       OSError: images will be rendered, but neither the library that `MUJOCO_GL` names nor, where it is unset, any
-        headless one works; or dm_control cannot be imported.
+        headless one works.
     """
-    if rendering is None:
-        import_dm_control()
+    global _library
     if rendering:
-        os.environ[_VARIABLE] = find_library()
-    try:
-        with _variable(os.environ[_VARIABLE] if rendering else "disable"):
-            import dm_control.mujoco  # noqa: F401
-    except Exception as error:  # PyOpenGL raises exceptions of many types if the library is missing.
-        raise OSError(f"dm_control does not work with {_VARIABLE}={os.environ.get(_VARIABLE)}: {error}") from error
-
-
-def import_dm_control() -> None:
-    """Imports dm_control's renderer so that a library or notebook can render without setting `MUJOCO_GL`.
-
-    The suite's packages call it before they import dm_control. It sets `MUJOCO_GL` to a headless library where the
-    variable is unset and there is no display. Where no GL library can be loaded, dm_control is imported without one,
-    and `making_context` raises the error when an image is rendered.
-    """
-    if _DM_CONTROL_RENDERER in sys.modules:
-        return
-    given = _choose()
-    try:
-        with _variable("disable" if given is None and not has_display() else given):
-            importlib.import_module(_DM_CONTROL_RENDERER)
-    except Exception:  # PyOpenGL raises exceptions of many types if the library is missing.
-        with _variable("disable"):
-            importlib.import_module(_DM_CONTROL_RENDERER)
+        _library = find_library()
 
 
 @contextlib.contextmanager
-def making_context(owner: ContextOwner) -> Iterator[None]:
-    """Context in which a GL context is made, with a library chosen as `import_dm_control` does.
+def opening() -> Iterator[str]:
+    """Context in which a GL library is opened or a GL context is made; yields `egl`, `osmesa` or `glfw`.
 
-    The owner frees it at exit; garbage collection would free it after its display, and print errors to stderr. If it
-    cannot be made, the message of a RuntimeError says why, and what to do.
+    Raises:
+      RuntimeError: no image can be rendered; the message says why, and what to do.
     """
-    _check_process()
-    library = _choose()
-    if library is None and not has_display():
-        raise RuntimeError(_advice(" or ".join(_HEADLESS_LIBRARIES)))
-    if problem := _problem(library):
-        raise RuntimeError(problem)
-    if not _IS_INSTALLED.get(library or "", lambda: True)():
-        raise RuntimeError(_advice(library))
+    check_process()
+    library = choose()
+    load_triton()
+    if not _IS_INSTALLED[library]():
+        raise RuntimeError(_reason(library))
     _processes.add(os.getpid())
-    # The context before it has been freed.
-    _threads.pop(owner, None)
     try:
-        yield
+        yield library
     except (TypeError, ValueError):  # A bad argument.
         raise
-    except Exception as error:
-        raise RuntimeError(_after_fork("loaded it") if os.getpid() != _PROCESS else _advice(library)) from error
-    _owners.add(owner)
-    # Functions registered last are called first, and making a context may have registered the end of the display.
-    atexit.unregister(_free_contexts)
-    atexit.register(_free_contexts)
+    except Exception as error:  # PyOpenGL raises exceptions of many types.
+        raise RuntimeError(_reason(library)) from error
 
 
-def making_dm_control_context(owner: ContextOwner) -> contextlib.AbstractContextManager[None]:
-    """As `making_context`, for a GL context of dm_control, which may have chosen its library without the suite."""
-    chosen = sys.modules[_DM_CONTROL_RENDERER].BACKEND
-    if chosen == "glfw" and not has_display() and os.environ.get(_VARIABLE) != "glfw":
-        raise RuntimeError(
-            "nothing can be rendered here: dm_control was imported before kitchen_suite and chose GLFW, which needs a "
-            f"display; import kitchen_suite.suite first, or set {_VARIABLE}=egl"
-        )
-    return making_context(owner)
+def choose() -> str:
+    """Returns the library to render with: `egl`, `osmesa` or `glfw`.
+
+    It is the one that `MUJOCO_GL` names. Where that is unset, it is the one that `prepare` found or, without a command,
+    GLFW on a display and otherwise the first headless one that is installed.
+
+    Raises:
+      RuntimeError: `MUJOCO_GL` has another value, or no library is installed.
+    """
+    given = os.environ.get(_VARIABLE)
+    if problem := _problem(given):
+        raise RuntimeError(problem)
+    if given:
+        return "glfw" if given in _GLFW else given
+    if _library is not None:
+        return _library
+    load_triton()
+    library = installed_library()
+    if library is None:
+        raise RuntimeError(_reason(" or ".join(_HEADLESS_LIBRARIES)))
+    return library
 
 
-@contextlib.contextmanager
-def rendering(owner: ContextOwner) -> Iterator[None]:
-    """Context in which an owner renders; raises a RuntimeError after a fork, or if another thread has its context."""
-    _check_process()
-    thread = threading.current_thread()
+def load_triton() -> None:
+    """Loads the library of triton, where that is installed, before a GL library is opened.
+
+    PyTorch brings triton, which contains LLVM. Mesa's driver opens its own LLVM for all of the process, and triton, if
+    it is loaded later, calls functions of that one: the process ends by signal 11. Loaded before, both keep their own.
+    Where Mesa's is there already, triton is made to prefer its own; not otherwise, since it then also passes over the
+    memory allocators that some people preload.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    mode = os.RTLD_NOW | (os.RTLD_DEEPBIND if is_mapped(_LLVM) else 0)
+    for path in triton_libraries():
+        # A build that cannot be loaded here harms nobody.
+        with contextlib.suppress(OSError):
+            ctypes.CDLL(str(path), mode=mode)
+
+
+@functools.cache
+def triton_libraries() -> tuple[Path, ...]:
+    """Returns the files of triton's library; none where it is not installed."""
     try:
-        yield
-    except (TypeError, ValueError):  # A bad argument.
-        raise
-    except Exception as error:
-        holder = _threads.get(owner, thread)
-        if holder is thread:
-            raise
-        raise RuntimeError(
-            f"nothing can be rendered in thread {thread.name!r}: the environment has rendered in thread "
-            f"{holder.name!r}, which holds its GL context; render in that thread, or close() it there first"
-        ) from error
-    _threads[owner] = thread
+        spec = importlib.util.find_spec("triton")
+    except ValueError:  # A stand-in without a specification is imported.
+        spec = None
+    folders = (spec and spec.submodule_search_locations) or ()
+    return tuple(path for folder in folders for path in Path(folder, "_C").glob("libtriton*.so"))
 
 
-def _check_process() -> None:
+def signal_beside_triton(library: str) -> int:
+    """Returns the signal that ends a program which opens a GL library and then imports triton; 0 if it is not ended."""
+    return max(0, -_run(f"{_RENDER_ONE_FRAME}; import triton", library))
+
+
+def is_mapped(*names: str) -> bool:
+    """Returns whether the process has opened a library whose name contains one of `names`; False where unknown."""
+    try:
+        maps = _MAPS.read_text("utf-8", "replace")
+    except OSError:
+        return False
+    return any(name in maps for name in names)
+
+
+def is_open() -> bool:
+    """Returns whether a driver of a GL library is open in this process."""
+    return is_mapped(*_DRIVERS)
+
+
+def note_opened_by_others() -> None:
+    """Makes up, as far as possible, for a GL library that other code opened before the suite was imported."""
+    global _process_of_others
+    _process_of_others = os.getpid()
+    load_triton()
+
+
+def check_process() -> None:
     """Raises a RuntimeError if a process from which this one was forked has rendered: a GL call would never return."""
     if _processes - {os.getpid()}:
         raise RuntimeError(_after_fork("rendered"))
+
+
+def _reason(library: str) -> str:
+    """Returns why a library cannot be used: some drivers, once opened, render in no process forked after that."""
+    return _advice(library) if _process_of_others in (None, os.getpid()) else _after_fork("loaded it")
 
 
 def _after_fork(done: str) -> str:
@@ -154,53 +181,23 @@ def _after_fork(done: str) -> str:
     )
 
 
-_owners: weakref.WeakSet[ContextOwner] = weakref.WeakSet()
-
-# By owner, the thread that rendered last.
-_threads: weakref.WeakKeyDictionary[ContextOwner, threading.Thread] = weakref.WeakKeyDictionary()
-
-# Numbers of the processes that have made GL contexts: of this one, and of those that it was forked from.
-_processes: set[int] = set()
-
-# Number of the process that imported the suite, and with it a GL library: some drivers render in none that is forked
-# after that.
-_PROCESS = os.getpid()
-
-
-def _free_contexts() -> None:
-    for owner in tuple(_owners):
-        owner.free_context()
-
-
-def _leave_contexts() -> None:
-    """Lets a forked process close environments and exit without GL calls on what it inherited: some never return."""
-    for owner in tuple(_owners):
-        owner.leave_context()
-    atexit.unregister(_free_contexts)
+def _leave_display() -> None:
+    """Lets a forked process exit without GL calls on what it inherited: some never return."""
     if egl := sys.modules.get("OpenGL.EGL"):
         atexit.unregister(egl.eglTerminate)
 
 
-def keep_forever(inherited: object) -> None:
-    """Prevents that an object is destroyed, also when the interpreter ends, where module globals are."""
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object(inherited))
-
-
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_leave_contexts)
+    os.register_at_fork(after_in_child=_leave_display)
 
 
 def check_window() -> None:
     """Raises a RuntimeError unless a window can be shown. Without a display, Gymnasium's window ends the process."""
-    if has_display():
-        import warnings
-
+    if _has_window_system():
         import glfw
 
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            if glfw.init() and glfw.get_primary_monitor():
-                return
+        if glfw.get_primary_monitor():
+            return
     raise RuntimeError(
         "render_mode 'human' shows a window, but there is no display here; use 'rgb_array', or a virtual display "
         "(Debian: xvfb-run)"
@@ -210,13 +207,6 @@ def check_window() -> None:
 def has_display() -> bool:
     """Returns whether there may be a display: on Linux, whether X11 or Wayland names one."""
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
-
-
-def _choose() -> str | None:
-    """Returns the library that `MUJOCO_GL` names. Where it is unset, names a headless one if there is no display."""
-    if not os.environ.get(_VARIABLE) and not has_display() and (library := installed_library()):
-        os.environ[_VARIABLE] = library
-    return os.environ.get(_VARIABLE) or None
 
 
 def _problem(library: str | None) -> str:
@@ -231,9 +221,12 @@ def _problem(library: str | None) -> str:
     return ""
 
 
-def _advice(library: str | None) -> str:
-    if library is None:
-        return f"nothing can be rendered here on the display; set {_VARIABLE}=egl, which needs none"
+def _advice(library: str) -> str:
+    if library == "glfw":
+        return (
+            f"nothing can be rendered here with {_VARIABLE}=glfw: it needs a display (Debian: xvfb-run); leave "
+            f"{_VARIABLE} unset to let a library be found that needs none"
+        )
     return (
         f"nothing can be rendered here with {_VARIABLE}={library}: install a GL library (Debian: "
         f"libegl1 libgl1-mesa-dri, or libosmesa6), and leave {_VARIABLE} unset to let it be found"
@@ -241,11 +234,10 @@ def _advice(library: str | None) -> str:
 
 
 @contextlib.contextmanager
-def _variable(value: str | None) -> Iterator[None]:
-    """Context in which `MUJOCO_GL` has a value; None leaves it as it is."""
+def variable(value: str) -> Iterator[None]:
+    """Context in which `MUJOCO_GL` has a value."""
     given = os.environ.get(_VARIABLE)
-    if value is not None:
-        os.environ[_VARIABLE] = value
+    os.environ[_VARIABLE] = value
     try:
         yield
     finally:
@@ -268,19 +260,24 @@ def find_library() -> str:
 @functools.cache
 def can_render(library: str) -> bool:
     """Returns whether a frame can be rendered; tried in a child process, since a failed attempt cannot be undone."""
-    command = [sys.executable, "-c", _RENDER_ONE_FRAME]
-    return subprocess.run(command, env={**os.environ, _VARIABLE: library}, capture_output=True).returncode == 0
+    return _run(_RENDER_ONE_FRAME, library) == 0
+
+
+def _run(program: str, library: str) -> int:
+    """Runs a program in another process, with a GL library; returns how it ended."""
+    environment = {**os.environ, _VARIABLE: library}
+    return subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True).returncode
 
 
 def installed_library() -> str | None:
-    """Returns the first headless library that can be loaded; renders nothing, so that it takes milliseconds."""
-    return next((library for library in _HEADLESS_LIBRARIES if _IS_INSTALLED[library]()), None)
+    """Returns the first library that can be loaded; renders nothing, so that it takes milliseconds."""
+    candidates = ("glfw", *_HEADLESS_LIBRARIES) if has_display() else _HEADLESS_LIBRARIES
+    return next((library for library in candidates if _IS_INSTALLED[library]()), None)
 
 
-@functools.cache
 def _has_egl_display() -> bool:
-    """Returns whether EGL has a headless display, which dm_control needs when it is imported."""
-    egl = _load("libEGL.so.1")
+    """Returns whether EGL has a headless display."""
+    egl = _load("libEGL.so.1") if _pyopengl_takes("egl") else None
     if egl is None:
         return False
     egl.eglGetProcAddress.restype = ctypes.c_void_p
@@ -296,13 +293,31 @@ def _has_egl_display() -> bool:
     return any(display and egl.eglInitialize(display, None, None) for display in displays)
 
 
-@functools.cache
 def _has_osmesa() -> bool:
-    return any(_load(f"libOSMesa.so{version}") for version in (".8", ".6", ""))
+    return _pyopengl_takes("osmesa") and any(_load(f"libOSMesa.so{version}") for version in (".8", ".6", ""))
 
 
-# By value of `MUJOCO_GL`.
-_IS_INSTALLED: Mapping[str, Callable[[], bool]] = {"egl": _has_egl_display, "osmesa": _has_osmesa, "glfw": has_display}
+def _has_window_system() -> bool:
+    if not has_display():
+        return False
+    import glfw
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return bool(glfw.init())
+
+
+# By name.
+_IS_INSTALLED: Mapping[str, Callable[[], bool]] = {
+    "egl": _has_egl_display,
+    "osmesa": _has_osmesa,
+    "glfw": _has_window_system,
+}
+
+
+def _pyopengl_takes(library: str) -> bool:
+    """Returns whether PyOpenGL, which calls EGL and OSMesa, has not been set to another library."""
+    return os.environ.get(_PYOPENGL, "").lower() in ("", library)
 
 
 def _load(name: str) -> ctypes.CDLL | None:

@@ -85,7 +85,9 @@ def _count_faces(stl: bytes) -> int:
     return faces if len(stl) == _HEADER + _FACE * faces else 0
 
 
-def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Callable[[mjcf.Element], bool]") -> None:
+def set_render_quality(
+    root: "mjcf.RootElement", quality: str, is_visual: "Callable[[mjcf.Element], bool]", *, warn: bool = True
+) -> None:
     """Sets how the images of a model and all that is attached to it look; the physics stays the same to the bit.
 
     The quality `high` leaves the model as it is. `fast` turns off shadows, reflections, the sky with its haze, and
@@ -111,11 +113,12 @@ def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Calla
     if not (large := [mesh for mesh in meshes if is_large(mesh.file.contents)]):
         return
     if missing := missing_packages():
-        warnings.warn(
-            "render_quality 'fast' is up to three times as fast with light meshes, which need "
-            f"{' and '.join(missing)}: {checks.install_command('pixels')}",
-            stacklevel=2,
-        )
+        if warn:
+            warnings.warn(
+                "render_quality 'fast' is up to three times as fast with light meshes, which need "
+                f"{' and '.join(missing)}: {checks.install_command('pixels')}",
+                stacklevel=2,
+            )
         return
     from dm_control import mjcf
 

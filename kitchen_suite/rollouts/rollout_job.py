@@ -1,5 +1,8 @@
 """The work of `kitchen-rollout`, and of `kitchen-play` and others that play a trained policy."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import contextlib
 import dataclasses
 import functools

@@ -1,5 +1,8 @@
 """The work of `kitchen-train`."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import contextlib
 import dataclasses
 import shutil

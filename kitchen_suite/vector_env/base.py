@@ -1,5 +1,8 @@
 """The base of the suite's vectorised environments: many episodes in one call of MuJoCo's batched stepping."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import contextlib
 import copy
 import itertools

@@ -1,5 +1,8 @@
 """Batches of simulations of one model, or of several side by side."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import collections
 import concurrent.futures
 import ctypes

@@ -1,5 +1,8 @@
 """Many episodes of one task, stepped in one call of MuJoCo's batched stepping."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 

@@ -3,7 +3,7 @@
 Each worker is an actor that holds a few episodes and returns one as soon as it has ended; it is then given another. An
 episode does not depend on the worker that runs it, so the episodes of a worker that dies are run again by others.
 
-Nothing here imports dm_control: a runner's modules, which do, are imported by unpickling it, after `gl.prepare`.
+Nothing here imports dm_control: a runner's modules, which do, are imported by unpickling it.
 """
 
 import collections
@@ -15,7 +15,6 @@ import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
-from kitchen_suite.rendering import gl
 from kitchen_suite.versions import installed_versions
 
 _MAX_DEATHS = 3  # Deaths in a row in one slot, without a finished episode, after which the pool fails.
@@ -47,7 +46,6 @@ class Worker:
         Raises a ClusterError if it cannot be built on this machine, or versions differ from those of the main process.
         """
         try:
-            gl.prepare(rendering=False)
             here = installed_versions()
             odd = [f"{name} {here[name]} instead of {there}" for name, there in versions.items() if here[name] != there]
             if odd:

@@ -80,6 +80,44 @@ def test_light_meshes_are_seen_where_the_full_ones_are(camera, monkeypatch):
     assert np.abs(pictures[0] - pictures[1]).mean() < 1
 
 
+def images_of(env):
+    """The image of `render()`, and those that are observed, if any, at the start of an episode."""
+    seen, _ = env.reset(seed=0)
+    images = [env.render()]
+    if isinstance(seen, np.ndarray) and seen.dtype == np.uint8:
+        images.append(seen)
+    env.close()
+    return images
+
+
+@pytest.mark.rendering
+@pytest.mark.parametrize("front_end", [gymnasium.make, gymnasium.make_vec])
+@pytest.mark.parametrize(
+    ("obs_type", "render_mode", "quality"),
+    [("state", "rgb_array", "fast"), ("state", "depth_array", "fast"), ("pixels", "rgb_array", "high")],
+)
+def test_render_is_fast_unless_images_are_observed(front_end, obs_type, render_mode, quality):
+    arguments = {**SMALL, "render_mode": render_mode, "obs_type": obs_type}
+    if front_end is gymnasium.make_vec:
+        arguments |= {"vectorization_mode": "vector_entry_point", "num_threads": 1, "num_envs": 1}
+    given = front_end(OPEN_CABINET_ID, render_quality=quality, **arguments)
+    for image, same in zip(images_of(front_end(OPEN_CABINET_ID, **arguments)), images_of(given), strict=True):
+        np.testing.assert_array_equal(image, same)
+
+
+def test_images_of_physics_are_of_high_quality_by_default():
+    environments = [suite.load("open_cabinet", "top_drawer"), gymnasium.make(OPEN_CABINET_ID).unwrapped.environment]
+    assert all(each.physics.model.vis.quality.shadowsize > 0 for each in environments)
+
+
+def test_the_default_is_quiet_without_the_packages_of_light_meshes(monkeypatch, recwarn):
+    monkeypatch.setattr(light_meshes, "missing_packages", lambda: ["trimesh"])
+    gymnasium.make(OPEN_CABINET_ID, **SMALL).close()
+    assert not [each for each in recwarn if "trimesh" in str(each.message)]
+    with pytest.warns(UserWarning, match="trimesh"):
+        gymnasium.make(OPEN_CABINET_ID, render_quality="fast", **SMALL).close()
+
+
 def test_an_unknown_quality_is_refused_with_a_list():
     with refused(ValueError, "render_quality", "'fats'", "'fast'"):
         suite.load("kitchen", "kettle", {"render_quality": "fats"})

@@ -169,9 +169,11 @@ def test_the_first_gl_library_that_works_is_chosen(monkeypatch, working, chosen)
     # Set first, so that the old value comes back whatever the code under test does.
     monkeypatch.setenv("MUJOCO_GL", "unset")
     monkeypatch.delenv("MUJOCO_GL")
+    monkeypatch.setattr(gl, "_library", None)
     monkeypatch.setattr(gl, "can_render", lambda library: library in working)
     gl.prepare(rendering=True)
-    assert os.environ["MUJOCO_GL"] == chosen
+    assert gl.choose() == chosen
+    assert "MUJOCO_GL" not in os.environ
 
 
 def test_where_no_gl_library_works_the_error_says_what_to_install(monkeypatch):

@@ -2,13 +2,14 @@
 
 import numpy as _np
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
 # mink imports JAX where that is installed, which draws from NumPy's global random state.
 _state = _np.random.get_state()
 import mink  # noqa: E402, F401
 
 _np.random.set_state(_state)
 
-import kitchen_suite.rendering.choice  # noqa: E402, F401
 from kitchen_suite.policies.experts.base import Expert, MotionStyle, expert_class, make, make_policy  # noqa: E402
 from kitchen_suite.policies.experts.kitchen import KitchenExpert  # noqa: E402
 from kitchen_suite.policies.experts.microwave_table import MicrowaveExpert  # noqa: E402
