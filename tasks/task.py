@@ -3,7 +3,7 @@
 import abc
 import collections
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
@@ -172,6 +172,8 @@ class SuiteTask(composer.Task):
       varied: the parameters that groups vary, in the order in which they are drawn.
       extra_rewards: further terms of the reward by name, in classes of a user's own; see `tasks.mdp.RewardTerm`.
       instructions: the task in words: its sentence, then paraphrases of it; see `tasks.goals`.
+      hidden_keys: keys of observations that policies do not see unless they are privileged, see `policies.registry`:
+        those that the `obs_type` of a Gymnasium environment leaves out.
       scene: arena, robot and props.
       robot: the robot that acts.
       mdp: the task's settings, and the mathematics of an episode under them.
@@ -196,6 +198,7 @@ class SuiteTask(composer.Task):
     extra_rewards: ClassVar[Mapping[str, RewardTerm]] = MappingProxyType({})
     # A class may have a property instead.
     instructions: Any = ()
+    hidden_keys: Collection[str] = frozenset()
 
     variations: Variations
     policy_inputs: PolicyInputs

@@ -29,6 +29,7 @@ RESET_MASK = "reset_mask"
 
 # Keys of infos that hold strings.
 VARIATION_SPLIT, PHYSICS = "variation_split", "physics"
+INSTRUCTION = "instruction"
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
 
@@ -40,7 +41,8 @@ class SuiteEnv(gymnasium.Env):
     `copy.deepcopy` or pickle continues from the state of the original.
 
     Observation: one array, or a dict by `obs_type`; see docs/guide/observations.md.
-    Info: that of the task's MDP, in arrays of shape `()`, and `episode_step`, the number of control steps.
+    Info: that of the task's MDP, in arrays of shape `()`, and `episode_step`, the number of control steps. With
+      `instructions=True` also `instruction`, the task's sentence, a string.
 
     Attributes:
       environment: the suite's environment.
@@ -49,6 +51,7 @@ class SuiteEnv(gymnasium.Env):
       observations: converts between the forms of observations.
       clips_actions: whether actions have to be clipped to the `action_limit`.
       varies: whether parameters vary from episode to episode.
+      has_instructions: whether infos have the task's sentence.
       default_domain: name of the domain where none is given; empty for a class of any domain.
       obs_types: names of the observation types; the first is the default.
       default_cameras: cameras of the observation types with pictures where none are named.
@@ -98,6 +101,7 @@ class SuiteEnv(gymnasium.Env):
         physics: str | None = None,
         obs_type: str | None = None,
         action_limit: float | None = None,
+        instructions: bool = False,
         **arguments: Any,
     ) -> None:
         """Builds the environment; a bad argument raises a TypeError or ValueError that names it.
@@ -121,6 +125,7 @@ class SuiteEnv(gymnasium.Env):
           obs_type: observation type, such as `state` or `pixels_agent_pos`; the first of `obs_types` when omitted.
           action_limit: bound of the action space, for agents that need a finite one, to which actions are clipped; of
             control modes without bounds of their own. The space is unbounded when omitted.
+          instructions: whether infos have the task's sentence as `instruction`, a string.
           **arguments: of the domain's scene and task, documented there: among them `control_mode` with its arguments,
             `cameras`, `extra_observables` and `variations`.
         """
@@ -146,6 +151,7 @@ class SuiteEnv(gymnasium.Env):
         self.max_episode_steps = self._max_episode_steps = max_episode_steps
         limit = math.inf if action_limit is None else checks.number(action_limit, "action_limit", positive=True)
         with_visuals = render_mode is not None or with_pictures
+        self.has_instructions = checks.boolean(instructions, "instructions")
         self.environment: Environment = record.load(
             time_limit=None,
             visuals=with_visuals if visuals is None else checks.boolean(visuals, "visuals"),
@@ -164,6 +170,9 @@ class SuiteEnv(gymnasium.Env):
         bounds = (spec.minimum, spec.maximum) if isinstance(spec, specs.BoundedArray) else (-limit, limit)
         low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
         self.action_space = spaces.Box(low, high, dtype=np.float32)
+        if self.has_instructions and not self.instruction:
+            name = type(self.composer_task).__name__
+            raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
         self.varies = bool(self.composer_task.variations.by_name)
         self._physics_info = {} if physics == EXACT else {PHYSICS: physics}
         self._renderer.check_camera(self.environment)
@@ -171,6 +180,7 @@ class SuiteEnv(gymnasium.Env):
         self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}
         self.observations = self._make_observations(obs_type)
         self.observation_space = self.observations.space
+        self.composer_task.hidden_keys = self.observations.hidden
         self._bound_random: np.random.Generator | None = None
         self._episode_step = 0
 
@@ -289,8 +299,10 @@ class SuiteEnv(gymnasium.Env):
         return {**self.composer_task.mdp.info(self.composer_task.state), "episode_step": np.array(self._episode_step)}
 
     def _all_infos(self) -> dict[str, Any]:
-        """Returns the infos of the task and of its variation, and the physics unless it is the exact one."""
-        return {**self._get_info(), **(self.composer_task.variations.info if self.varies else {}), **self._physics_info}
+        """Returns the infos of the task and of its variation, the physics unless it is the exact one, the sentence."""
+        variation = self.composer_task.variations.info if self.varies else {}
+        sentence = {INSTRUCTION: self.instruction} if self.has_instructions else {}
+        return {**self._get_info(), **variation, **self._physics_info, **sentence}
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode; a bad argument raises a TypeError or ValueError that names it.

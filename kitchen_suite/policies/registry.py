@@ -4,6 +4,10 @@ A policy is called with the present `dm_env.TimeStep` and returns the action. An
 is true. A policy may have an attribute `labels`, a mapping that says something of its last action, by names that are
 the same after every action; recordings keep them. Rollouts assign the task's sentence to an attribute `instruction`,
 where a policy has one, before each action.
+
+A policy of a user's own, or on a server, sees what the `obs_type` of the environment shows: with `pixels_agent_pos`
+images and the robot's joints. One with an attribute `privileged` that is true sees everything, for example a scripted
+one that records images. The suite's own policies do: experts need it, and trained ones read what they were trained on.
 """
 
 import abc
@@ -15,7 +19,7 @@ import itertools
 import pkgutil
 import re
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -53,12 +57,14 @@ class PolicySource(abc.ABC):
     Attributes:
       takes_options: whether the name may have options, such as `expert(speed=0.8)`.
       extra: a key of `PACKAGES`, the extra that it needs, if any.
+      privileged: whether its policies see observations that the `obs_type` of the environment leaves out.
       player: entry point of the function that lets each episode be played before it is stepped, called with its
         `rollouts.spec.EpisodeSpec`; None for policies that act by themselves.
     """
 
     takes_options = False
     extra: str | None = None
+    privileged = True
     player: str | None = None
 
     @abc.abstractmethod
@@ -276,6 +282,7 @@ class RemoteSource(PolicySource):
     """
 
     takes_options, extra = True, "remote"
+    privileged = False
 
     def __call__(
         self, environment: dm_env.Environment, generator: np.random.Generator, *, address: str = "", timeout: float = 60
@@ -325,7 +332,8 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
         imported = checks.imported(name, "policy")
         if not callable(imported):
             raise ValueError(f"policy {checks.shown(name)} cannot be called: it is {checks.shown(imported)}")
-        return lambda environment, generator: _CheckedPolicy(imported, name, environment)
+        privileged = bool(getattr(imported, "privileged", False))
+        return lambda environment, generator: _CheckedPolicy(imported, name, environment, privileged)
     try:
         source = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
     except ValueError as error:
@@ -342,7 +350,7 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
             policy = build(environment, generator, **options)
         except (OSError, TypeError, ValueError) as error:
             raise PolicyError(f"policy {checks.shown(name)} cannot be built: {error}") from error
-        return _CheckedPolicy(policy, name, environment)
+        return _CheckedPolicy(policy, name, environment, source.privileged)
 
     return build_with_checks
 
@@ -418,12 +426,19 @@ def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:
 
 
 class _CheckedPolicy:
-    """A policy that returns valid actions in fresh arrays, or raises a PolicyError that names it."""
+    """A policy that returns valid actions in fresh arrays, or raises a PolicyError that names it.
 
-    def __init__(self, policy: Policy, name: str, environment: dm_env.Environment) -> None:
+    Unless it is privileged, it sees no observations that the `obs_type` of the environment leaves out.
+    """
+
+    def __init__(self, policy: Policy, name: str, environment: dm_env.Environment, privileged: bool) -> None:
         self._policy, self._name, self._environment = policy, name, environment
+        self._hidden: Collection[str] = () if privileged else environment.task.hidden_keys
 
     def __call__(self, timestep: dm_env.TimeStep) -> NDArray[np.float64]:
+        if self._hidden:
+            shown = {key: value for key, value in timestep.observation.items() if key not in self._hidden}
+            timestep = timestep._replace(observation=shown)
         try:
             action = self._policy(timestep)
         except ConnectionError as error:
@@ -431,6 +446,8 @@ class _CheckedPolicy:
         except (Exception, SystemExit) as error:
             frame = traceback.extract_tb(error.__traceback__)[-1]
             problem = f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})"
+            if isinstance(error, KeyError) and str(error) in map(repr, self._hidden):
+                problem += "; the obs_type does not show it: choose another one, or set privileged = True on the policy"
             raise PolicyError(f"policy {checks.shown(self._name)} raised {problem}") from error
         try:
             return self._environment.task.checked_action(action)

@@ -119,6 +119,8 @@ def test_a_domain_needs_six_fields():
         env = gymnasium.make("Mine/Gentle-v1", variations="start", max_episode_steps=3)
         assert isinstance(env.unwrapped, FrankaMicrowaveTableEnv)
         assert isinstance(env.unwrapped.composer_task, GentleTask)
+        told = gymnasium.make("Mine/GentleOpen-v1", instructions=True)
+        assert told.reset(seed=0)[1]["instruction"] == told.unwrapped.instruction == "open the microwave door"
         many = gymnasium.make_vec("Mine/GentleOpen-v1", 2, variations="start")
         one, other = env.reset(seed=1)[0], many.reset(seed=0)[0]
         np.testing.assert_array_equal(other[1], one)
