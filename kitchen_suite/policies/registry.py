@@ -44,6 +44,8 @@ PolicyBuilder = Callable[..., Policy]
 PACKAGES = {"experts": ("daqp", "mink"), "remote": ("msgpack", "websockets")}
 
 _ADDRESS = re.compile(r"wss?://\S+")  # A policy on a server, by its address alone.
+# The address of a server with another scheme, or without one: a name with a port.
+_OTHER_ADDRESS = re.compile(r"(?P<scheme>https?://)?(?P<host>[\w.-]+(?::\d+)?)(?P<path>/\S*)?")
 _MAX_LENGTH = 5_000  # Characters of a policy with options; there is room for the path of a file.
 
 
@@ -324,9 +326,8 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
       ImportError: the policy needs an extra that is not installed.
       ValueError: the policy does not exist, cannot be imported or cannot be called, or `name` is not well-formed.
     """
-    if name.endswith(".npz"):
-        file = checks.shown(name)
-        raise ValueError(f"policy {file} is a file, not a name: write trained(file={file})")
+    if meant := _meant(name):
+        raise ValueError(f"policy {checks.shown(name)} is not a name: write {meant}")
     key, options = _key_and_options(name)
     if ":" in key:
         imported = checks.imported(name, "policy")
@@ -405,6 +406,22 @@ def without_file(name: str) -> str:
         return name
     others = ", ".join(f"{option}={value!r}" for option, value in options.items() if option != "file")
     return f"{key}({others})" if others else key
+
+
+def _meant(name: str) -> str | None:
+    """Returns how to write a policy that is named in a form which none has; None for other names."""
+    key, mark, rest = name.partition(":")
+    if name.endswith(".npz"):
+        return f"trained(file={checks.shown(rest if mark and key in POLICIES else name)})"
+    if mark and key in POLICIES:
+        return f"its options as in a call, {key}({rest})" if POLICIES[key].takes_options else key
+    if name.endswith(".py"):
+        checks.imported(name, "policy")  # Raises the error of a file in place of a module.
+    address = _OTHER_ADDRESS.fullmatch(name)
+    if address and (address["scheme"] or re.search(r":\d", name)):
+        scheme = "wss" if address["scheme"] == "https://" else "ws"
+        return f"{scheme}://{address['host']}{address['path'] or ''}, the address of a server"
+    return None
 
 
 def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from dm_control.rl import control
 
+from kitchen_suite import checks
 from kitchen_suite.cli.commands import play, rollout
 from kitchen_suite.environment import Environment
 from kitchen_suite.policies import trained as trained_policy
@@ -234,13 +235,13 @@ def test_diverging_physics_gets_one_line(run, monkeypatch):
     assert run("--novideo")[::2] == (1, "kitchen-play: Physics state has become invalid.\n")
 
 
-NO_FFMPEG = "a video needs imageio-ffmpeg: pip install '.[video]'"
+NO_FFMPEG = "a video needs imageio-ffmpeg: "
 
 
 def test_a_video_without_ffmpeg_names_what_to_install(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     monkeypatch.setattr(gl, "prepare", lambda rendering: None)
-    assert run("--video=film.mp4") == (2, "", f"kitchen-play: {NO_FFMPEG}\n")
+    assert run("--video=film.mp4") == (2, "", f"kitchen-play: {NO_FFMPEG}{checks.install_command('video')}\n")
 
 
 def without_ffmpeg(monkeypatch):

@@ -14,6 +14,7 @@ import sys
 import numpy as np
 import pytest
 
+from kitchen_suite import checks
 from kitchen_suite.cli.commands import play, train
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
 from kitchen_suite.rendering import gl, video
@@ -407,7 +408,8 @@ def test_a_missing_extra_names_what_to_install(run, monkeypatch, missing):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in missing else object())
     status, out, err = run()
     assert (status, out) == (2, "")
-    assert err == f"kitchen-train: kitchen-train needs {' and '.join(missing)}: pip install '.[train]'\n"
+    install = checks.install_command("train")
+    assert err == f"kitchen-train: kitchen-train needs {' and '.join(missing)}: {install}\n"
 
 
 @pytest.mark.parametrize("flag", ["--help", "-h"])

@@ -2,6 +2,11 @@
 
 import numpy as _np
 
+from kitchen_suite import checks as _checks
+from kitchen_suite.policies.registry import PACKAGES as _PACKAGES
+
+_checks.installed(_PACKAGES["experts"], "kitchen_suite.experts", "experts")
+
 # mink imports JAX where that is installed, which draws from NumPy's global random state.
 _state = _np.random.get_state()
 import mink  # noqa: E402, F401
