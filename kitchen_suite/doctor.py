@@ -119,7 +119,7 @@ def _facts() -> dict[str, str]:
         "system": platform.platform(),
         "processor": f"{processor()}; {processors()} usable",
         **{name: checks.version_of(name) or _MISSING for name in PACKAGES},
-        "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md",
+        "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, to the bit; others: docs/guide/which_kitchen.md",
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
         **{f"extra {name}": fact for name, fact in _extras().items()},

@@ -86,10 +86,14 @@ def check_file(path: Path, suffix: str = "") -> None:
 
 
 domain_flag = functools.partial(
-    flag, "Domain of the task; kitchen-rollout --list shows all. module:NAME is a Domain of your own."
+    flag,
+    "Domain of the task, such as kitchen (that of FrankaKitchen-v1) or kitchens (generated ones); kitchen-rollout "
+    "--list shows all. module:NAME is a Domain of your own.",
 )
 task_flag = functools.partial(
-    flag, "Task of the domain.", unset="its first benchmark task (kitchen: complete), or its first"
+    flag,
+    "Task of the domain. In the kitchen, all asks for the seven tasks of FrankaKitchen-v1, of twenty.",
+    unset="its first benchmark task (kitchen: complete), or its first",
 )
 control_mode_flag = functools.partial(
     flag,

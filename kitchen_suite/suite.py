@@ -46,7 +46,10 @@ DOMAINS: Mapping[str, Domain] = MappingProxyType(_domains)
 """The domains by name: the suite's own and those of `register`."""
 
 kitchen = KITCHEN.load
-"""Builds a kitchen; arguments as of `Domain.load`, `build_kitchen_scene` and `KitchenTask`."""
+"""Builds a kitchen; arguments as of `Domain.load`, `build_kitchen_scene` and `KitchenTask`.
+
+Without `tasks_to_complete` it asks for the seven tasks of FrankaKitchen-v1, as the task `all` does.
+"""
 
 kitchens = KITCHENS.load
 """Builds a generated kitchen; arguments as of `Domain.load`, `build_generated_kitchen` and `KitchensTask`."""

@@ -113,6 +113,15 @@ def registering(name, **attributes):
         del gymnasium.registry[env_id]
 
 
+@pytest.mark.parametrize("name", suite.DOMAINS)
+def test_a_class_of_a_users_own_is_represented_by_its_own_name(name):
+    domain = suite.find_domain(name)
+    own = type("TaskOfAUser", (domain.resolve("task"),), {})
+    environment = dataclasses.replace(domain, task=own).load(**domain.tasks[domain.default_task], visuals=False)
+    assert repr(environment.task).startswith("TaskOfAUser(")
+    assert "TaskOfAUser(" in repr(environment)
+
+
 def test_a_domain_needs_six_fields():
     fields = {"scene": build_microwave_table_scene, "task": GentleTask, "tasks": {"open": {}}}
     with registering("gentle", **fields):
