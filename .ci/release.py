@@ -29,6 +29,9 @@ KNOWN_CONFLICTS: Mapping[frozenset[str], str] = {
     frozenset({"browser", "clients"}): _PILLOW,
 }
 
+# Extras that need a newer Python than the suite; pip is not asked about them with an older one.
+NEWER_PYTHONS: Mapping[str, tuple[int, int]] = {"lerobot": (3, 12)}
+
 _HEADING = re.compile(r"^## (\S+) - (\S+)$", re.MULTILINE)
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 # Of the shipped files, those that are easily forgotten.
@@ -154,6 +157,7 @@ def _largest_sets(names: list[str]) -> list[list[str]]:
 
 def _resolves(root: Path, names: list[str]) -> bool:
     """Returns whether pip finds versions for some extras together; nothing is installed."""
+    names = [name for name in names if sys.version_info >= NEWER_PYTHONS.get(name, (3, 0))]
     command = (sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet")
     return subprocess.run([*command, f"{root}[{','.join(names)}]"], capture_output=True, check=False).returncode == 0
 

@@ -228,16 +228,14 @@ def _servos(specification: ArmSpec) -> tuple[JointActuator, ...]:
     return tuple(JointActuator(**dict(zip(columns, row, strict=True))) for row in rows)
 
 
-def load_package_mjcf(
-    package: str, file: str, robot: str, install: str = checks.install_command("arms")
-) -> mjcf.RootElement:
+def load_package_mjcf(package: str, file: str, robot: str, install: str | None = None) -> mjcf.RootElement:
     """Parses an MJCF file in the folder of a package, without importing the package, for a robot.
 
-    Raises an ImportError with the command to `install` it if it is missing.
+    Raises an ImportError with the command to `install` it, by default that of the extra `arms`, if it is missing.
     """
     spec = importlib.util.find_spec(package)
     if spec is None or not spec.submodule_search_locations:
-        raise ImportError(f"robot {robot!r} needs {package}: {install}")
+        raise ImportError(f"robot {robot!r} needs {package}: {install or checks.install_command('arms')}")
     return load_mjcf(Path(next(iter(spec.submodule_search_locations)), file))
 
 

@@ -5,13 +5,17 @@ otherwise. The message names the argument, its value and the values allowed.
 """
 
 import collections
+import contextlib
 import difflib
 import importlib.util
 import inspect
+import json
 import math
 import numbers
 import pkgutil
+import re
 import reprlib
+import shlex
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Set
 from pathlib import Path
@@ -25,8 +29,33 @@ from numpy.typing import ArrayLike, NDArray
 MAX_ENVS = 2**16
 MAX_THREADS = 2**10
 
-# Names in other libraries of what the suite calls otherwise.
-_SYNONYMS = {"seed": "random", "controller": "control_mode", "horizon": "max_episode_steps", "resolution": "image_size"}
+# Names in other libraries of what the suite calls otherwise, and the suite's names, of which the first that exists is
+# suggested.
+_LENGTH = ("max_episode_steps", "time_limit")
+_SYNONYMS: Mapping[str, tuple[str, ...]] = {
+    "seed": ("random",),
+    "controller": ("control_mode",),
+    "horizon": _LENGTH,
+    "max_steps": _LENGTH,
+    "max_episode_length": _LENGTH,
+    "episode_length": _LENGTH,
+    "num_steps": _LENGTH,
+    "resolution": ("image_size",),
+    "camera_names": ("cameras",),
+    "obs_mode": ("obs_type",),
+    "observation_type": ("obs_type",),
+    "n_envs": ("num_envs",),
+}
+
+# Python that extras need, where it is a newer one than the suite's own.
+EXTRA_PYTHONS: Mapping[str, tuple[int, int]] = {"lerobot": (3, 12)}
+
+_DISTRIBUTION = "kitchen-suite"
+
+_SEPARATORS = re.compile(r"[-_/.\s]+")
+
+# The file of a module in place of its name, with the name of an object or without.
+_FILE_OF_A_MODULE = re.compile(r"(?P<path>.+)\.py(:(?P<name>\w*))?")
 
 _MAX_SHOWN = 200  # Characters of a value in a message.
 _SHORTENED = " (shortened) "  # In place of the middle of a longer one.
@@ -73,9 +102,9 @@ def choice(value: object, choices: Collection[str], name: str) -> str:
 
 
 def installed(packages: Iterable[str], what: str, extra: str) -> None:
-    """Raises an ImportError with the pip command of an extra if `what` needs packages that are not installed."""
+    """Raises a ModuleNotFoundError with the command that installs an extra if `what` needs packages that it lacks."""
     if missing := [name for name in packages if not importlib.util.find_spec(name)]:
-        raise ImportError(f"{what} needs {' and '.join(missing)}: {install_command(extra)}")
+        raise ModuleNotFoundError(f"{what} needs {' and '.join(missing)}: {install_command(extra)}")
 
 
 def version_of(package: str) -> str | None:
@@ -89,13 +118,52 @@ def version_of(package: str) -> str | None:
 
 
 def install_command(extra: str) -> str:
-    """Returns the pip command that installs an extra."""
-    # Of the checkout that pip runs in, until a release is on a package index.
-    return f"pip install '.[{extra}]'"
+    """Returns the pip command that installs an extra of the suite from where the suite was installed.
+
+    It begins with the Python that the extra needs, where this one is older.
+    In a checkout it is `pip install '.[video]'`, elsewhere for example `pip install -e '/home/me/suite[video]'`.
+    """
+    command = f"pip install {_requirement(extra)}"
+    python = EXTRA_PYTHONS.get(extra, (0, 0))
+    if sys.version_info < python:
+        return f"with Python {python[0]}.{python[1]}, not {sys.version_info[0]}.{sys.version_info[1]}, {command}"
+    return command
+
+
+def _requirement(extra: str) -> str:
+    """Returns what pip installs an extra from, with its options, quoted for a shell."""
+    # Together a fifth of the time that the suite takes to be imported.
+    import importlib.metadata
+    import urllib.parse
+    import urllib.request
+
+    source = None
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError, ValueError):
+        # The source that pip has recorded, by PEP 610.
+        source = json.loads(importlib.metadata.distribution(_DISTRIBUTION).read_text("direct_url.json") or "null")
+    checkout = Path(__file__).resolve().parent.parent
+    if not source and (checkout / "setup.cfg").is_file():
+        source = {"url": checkout.as_uri(), "dir_info": {"editable": True}}
+    if not source:
+        return shlex.quote(f"{_DISTRIBUTION}[{extra}]")
+    if "dir_info" in source:
+        folder = Path(urllib.request.url2pathname(urllib.parse.urlsplit(source["url"]).path))
+        if folder == Path.cwd():
+            return f"'.[{extra}]'"
+        return ("-e " if source["dir_info"].get("editable") else "") + shlex.quote(f"{folder}[{extra}]")
+    vcs = source.get("vcs_info")
+    url = f"{vcs['vcs']}+{source['url']}@{vcs['commit_id']}" if vcs else source["url"]
+    return shlex.quote(f"{_DISTRIBUTION}[{extra}] @ {url}")
 
 
 def imported(name: str, what: str) -> Any:
     """Returns the object `module:name`, also from the working directory; the ValueError of no such one names `what`."""
+    if match := _FILE_OF_A_MODULE.fullmatch(name):
+        path = Path(match["path"])
+        module = path.name if path.is_absolute() or ".." in path.parts else ".".join(path.parts)
+        folder = "" if module != path.name or path.parent == Path() else ", from the folder of the file"
+        meant = f"{module}:{match['name'] or 'NAME'}"
+        raise ValueError(f"{what} {shown(name)} is a file: name its module, without .py, as {meant}{folder}")
     # Unlike `python -m`, console scripts do not look there. Last, so that it hides no installed module.
     if (directory := str(Path.cwd())) not in sys.path:
         sys.path.append(directory)
@@ -114,18 +182,30 @@ def _hint(value: object, choices: Collection[str]) -> str:
 
 
 def nearest(value: str, choices: Collection[str]) -> str | None:
-    """Returns the choice probably meant, if any: a synonym, one that ends with the value, or one spelt like it."""
+    """Returns the choice probably meant, if any: as `same_name`, a synonym, one that ends alike, or one spelt alike."""
     value = value[:_MAX_SHOWN]
-    if synonym := _SYNONYMS.get(value):
-        return synonym if synonym in choices else None
-    ends = tuple(f"{mark}{value}" for mark in "/_ ")
-    near = [choice for choice in sorted(choices, key=len) if choice.endswith(ends)]
+    if same := same_name(value, choices):
+        return same
+    plain = _plain(value)
+    if plain in _SYNONYMS:
+        return next((synonym for synonym in _SYNONYMS[plain] if synonym in choices), None)
+    near = [choice for choice in sorted(choices, key=len) if _plain(choice).endswith(f"_{plain}")]
     return next(iter((*near, *_spelt_like(value, choices))), None)
 
 
+def same_name(value: str, choices: Iterable[str]) -> str | None:
+    """Returns the choice, if any, that differs from a value in case alone, or in `-`, `_`, `/`, `.` and spaces."""
+    return next((choice for choice in choices if _plain(choice) == _plain(value)), None)
+
+
+def _plain(name: str) -> str:
+    """Returns a name in lower case, in which `_` stands for all that separates words."""
+    return _SEPARATORS.sub("_", name.strip().casefold())
+
+
 def _spelt_like(value: str, choices: Collection[str]) -> list[str]:
-    spellings = (value.replace("_", " "), value)
-    return [match for spelling in spellings for match in difflib.get_close_matches(spelling, choices, n=1)]
+    by_plain = {_plain(choice): choice for choice in choices}
+    return [by_plain[match] for match in difflib.get_close_matches(_plain(value), by_plain, n=1)]
 
 
 def keywords(

@@ -119,7 +119,7 @@ def _facts() -> dict[str, str]:
         "system": platform.platform(),
         "processor": f"{processor()}; {processors()} usable",
         **{name: checks.version_of(name) or _MISSING for name in PACKAGES},
-        "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md",
+        "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, to the bit; others: docs/guide/which_kitchen.md",
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
         "triton beside GL": _clash(),
@@ -164,4 +164,10 @@ def _extras() -> dict[str, str]:
         if package and extra and package[0] != "kitchen-suite":
             needed.setdefault(extra[1], []).append(package[0])
     missing = {extra: [each for each in packages if not checks.version_of(each)] for extra, packages in needed.items()}
-    return {extra: f"without {', '.join(each)}" if each else "installed" for extra, each in missing.items()}
+    return {extra: _without(extra, each) if each else "installed" for extra, each in missing.items()}
+
+
+def _without(extra: str, packages: list[str]) -> str:
+    python = checks.EXTRA_PYTHONS.get(extra, (0, 0))
+    reason = f"; it needs Python {python[0]}.{python[1]}" if sys.version_info < python else ""
+    return f"without {', '.join(packages)}{reason}"

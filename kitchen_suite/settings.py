@@ -86,10 +86,13 @@ def check_file(path: Path, suffix: str = "") -> None:
 
 
 domain_flag = functools.partial(
-    flag, "Domain of the task; kitchen-rollout --list shows all. module:NAME is a Domain of your own."
+    flag,
+    "Domain: kitchen, kitchens (generated ones) or another of kitchen-rollout --list; module:NAME is your own.",
 )
 task_flag = functools.partial(
-    flag, "Task of the domain.", unset="its first benchmark task (kitchen: complete), or its first"
+    flag,
+    "Task of the domain; all, in the kitchen, is seven of its twenty.",
+    unset="its first benchmark task (kitchen: complete), or its first",
 )
 control_mode_flag = functools.partial(
     flag,

@@ -5,6 +5,8 @@ Importing this module registers the Gymnasium ids and does not import dm_control
 
 import dataclasses
 import inspect
+import json
+import re
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -37,13 +39,18 @@ __all__ = [
     "task_arguments",
 ]
 
+_SEVERAL = re.compile(r"\s*[,;+]\s*")  # Between names of tasks, where several are written for one.
+
 _domains: dict[str, Domain] = {domain.name: domain for domain in (KITCHEN, OPEN_CABINET, MICROWAVE_TABLE, KITCHENS)}
 
 DOMAINS: Mapping[str, Domain] = MappingProxyType(_domains)
 """The domains by name: the suite's own and those of `register`."""
 
 kitchen = KITCHEN.load
-"""Builds a kitchen; arguments as of `Domain.load`, `build_kitchen_scene` and `KitchenTask`."""
+"""Builds a kitchen; arguments as of `Domain.load`, `build_kitchen_scene` and `KitchenTask`.
+
+Without `tasks_to_complete` it asks for the seven tasks of FrankaKitchen-v1, as the task `all` does.
+"""
 
 kitchens = KITCHENS.load
 """Builds a generated kitchen; arguments as of `Domain.load`, `build_generated_kitchen` and `KitchensTask`."""
@@ -233,6 +240,9 @@ def find_domain(name: str) -> Domain:
         registered already, registered. Modules are also looked for in the working directory.
     """
     if not isinstance(name, str) or ":" not in name:
+        owners = [domain.name for domain in DOMAINS.values() if isinstance(name, str) and name in domain.tasks]
+        if owners and name not in DOMAINS:
+            raise ValueError(f"{name!r} is a task, not a domain: choose domain {owners[0]!r}")
         return DOMAINS[checks.choice(name, DOMAINS.keys(), "domain")]
     domain = checks.imported(name, "domain")
     if not isinstance(domain, Domain):
@@ -245,10 +255,28 @@ def find_domain(name: str) -> Domain:
 def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
     """Returns the arguments that define a named task: of `Domain.load`, and of its Gymnasium environment."""
     domain = find_domain(domain_name)
-    others = [other.name for other in DOMAINS.values() if task_name in tuple(other.tasks)]
-    if others and domain.name not in others:
-        raise ValueError(f"task {task_name!r} belongs to domain {others[0]!r}, not {domain.name!r}")
+    if isinstance(task_name, str) and task_name not in domain.tasks:
+        _check_task_of(domain, task_name)
     return dict(domain.tasks[checks.choice(task_name, domain.tasks.keys(), f"{domain.name!r} task")])
+
+
+def _check_task_of(domain: Domain, name: str) -> None:
+    """Raises a ValueError if what a domain does not have as a task is a domain, several tasks, or another's task."""
+    others = [other.name for other in DOMAINS.values() if name in other.tasks]
+    if others:
+        raise ValueError(f"task {name!r} belongs to domain {others[0]!r}, not {domain.name!r}")
+    meant = checks.same_name(name, DOMAINS)
+    if meant and checks.same_name(name, domain.tasks) is None:
+        tasks = checks.shortened(str([*DOMAINS[meant].tasks]))
+        raise ValueError(f"{name!r} is a domain, not a task: choose domain {meant!r} and one of its tasks, {tasks}")
+    several = [checks.same_name(part, domain.tasks) for part in _SEVERAL.split(name)]
+    if len(several) > 1 and all(several):
+        goals = {
+            argument: [each for task in several for each in domain.tasks[str(task)].get(argument, ())]
+            for argument in domain.replaceable
+        }
+        how = f"name one, and all of them in the task_kwargs, {json.dumps(goals)}" if goals else "name one"
+        raise ValueError(f"{name!r} are several tasks of domain {domain.name!r}: {how}")
 
 
 def check_not_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, Any]) -> None:

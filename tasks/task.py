@@ -4,7 +4,7 @@ import abc
 import collections
 import dataclasses
 import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
@@ -208,6 +208,8 @@ class SuiteTask(composer.Task):
       extra_observations: additional observations by name, in classes of a user's own; a property of a class may return
         them as well. They follow the domain's own in the state.
       instructions: the task in words: its sentence, then paraphrases of it; see `tasks.goals`.
+      hidden_keys: keys of observations that policies do not see unless they are privileged, see `policies.registry`:
+        those that the `obs_type` of a Gymnasium environment leaves out.
       scene: arena, robot and props.
       robot: the robot that acts.
       mdp: the task's settings, and the mathematics of an episode under them.
@@ -238,6 +240,7 @@ class SuiteTask(composer.Task):
     extra_observations: Any = MappingProxyType({})
     # A class may have a property instead.
     instructions: Any = ()
+    hidden_keys: Collection[str] = frozenset()
 
     variations: Variations
     policy_inputs: PolicyInputs

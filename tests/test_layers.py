@@ -34,7 +34,13 @@ ORDER = (
 GROUND = ("", "checks", "files", "lazy", "names", "versions")
 BESIDE = {"workers": ("rendering",), "rendering": ()}
 # For users: `kitchen_suite.experts`, `kitchen_suite.load`, `python -m kitchen_suite` and the console scripts.
-ALIASES = {"experts": ("policies",), "": ("suite",), "__main__": ("cli",), "console": ("cli",), "original": ("suite", "rendering")}
+ALIASES = {
+    "experts": ("policies",),
+    "": ("suite",),
+    "__main__": ("cli",),
+    "console": ("cli",),
+    "original": ("suite", "rendering"),
+}
 
 # Where a library may be imported.
 HOMES = {

@@ -135,6 +135,7 @@ class TeleoperatedEpisode(LiveEpisode):
     Attributes:
       is_finished: whether the person has said that it is done.
       saved: number of episodes that have been saved.
+      last_saved: seed of the one that was saved last, and whether its task was done, in words; empty without one.
     """
 
     _rollout: RewindableRollout
@@ -148,6 +149,7 @@ class TeleoperatedEpisode(LiveEpisode):
         """
         self._folder: RecordingFolder | None = None
         self._unsaved, self.saved = unsaved, 0
+        self.last_saved = ""
         self.can_rewind = policies.options_of(spec.policy).get("rewind", True)
         super().__init__(spec, render_quality=render_quality)
 
@@ -290,8 +292,11 @@ class TeleoperatedEpisode(LiveEpisode):
         self.forget()
         self._start(self.seed, self._rollout.options)
 
-    def save(self) -> None:
-        """Saves the episode up to now; raises a ValueError where there is nothing to save, or its seed has been."""
+    def save(self) -> bool:
+        """Saves the episode up to now, and returns whether its task was done.
+
+        Raises a ValueError where there is nothing to save, or an episode of its seed has been saved.
+        """
         if self._folder is None or not self.steps:
             raise ValueError("there is nothing to save: make a control step first")
         if self._has_failed:
@@ -299,9 +304,13 @@ class TeleoperatedEpisode(LiveEpisode):
         if self.seed in self.present:
             raise ValueError(f"an episode of seed {self.seed} has been saved already: choose another seed, and reset")
         episode = self.episode()
-        self._folder.save(episode, EpisodeStats.of(episode, self._environment.task.metrics(episode.last_info)))
+        stats = EpisodeStats.of(episode, self._environment.task.metrics(episode.last_info))
+        self._folder.save(episode, stats)
         self.forget()
         self.saved += 1
+        is_done = bool(stats.metrics["success"])
+        self.last_saved = f"seed {self.seed}: the task was {'done' if is_done else 'not done'}"
+        return is_done
 
     def episode(self, *, with_observations: bool = True) -> EpisodeArrays:
         """Returns the episode up to now, with at least one control step; argument as of `EpisodeBuffer.arrays`."""
@@ -343,6 +352,8 @@ class TeleoperatedEpisode(LiveEpisode):
         }
         if self._folder:
             numbers |= {"episodes saved": str(self.saved), "not saved yet": f"{self.steps * self.timestep:.1f} s"}
+            if self.last_saved:
+                numbers["saved last"] = self.last_saved
         return numbers
 
     def _observe(self) -> None:

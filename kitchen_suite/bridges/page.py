@@ -47,6 +47,8 @@ _HELP = (
 # between two of them [s], for browsers that draw slowly.
 NO_PICTURE, _PICTURE, _PICTURE_EVERY = "none", (150, 200), 0.24
 
+_NOTICE = 6.0  # Time that a browser shows a text [s].
+
 _WRISTS = ("franka/wrist", "franka/hand")  # Cameras whose pictures help most to grasp; the first one that a model has.
 
 
@@ -139,6 +141,11 @@ class Page:
         """Adds a key that gives a command."""
         self.gui.add_command(label, hotkey=key).on_trigger(self.putting(command))
 
+    def notify(self, title: str, body: str, *, color: str | None = None) -> None:
+        """Shows a text for a while in all browsers."""
+        for client in self.server.get_clients().values():
+            client.add_notification(title, body, auto_close_seconds=_NOTICE, color=color)
+
     def move_cameras(self, physics: "mjcf.Physics", camera: int) -> None:
         """Moves the views of all browsers to one of the model's cameras."""
         view = self.server.initial_camera
@@ -172,10 +179,6 @@ class HandPanel:
     def __init__(self, page: Page, *, hands_back: bool) -> None:
         """Adds them to a page; `hands_back` says whether another policy acts until the person does."""
         self._page, gui = page, page.gui
-        take = gui.add_button("Take control", hint="Where several browsers show this page, one controls.")
-        take.on_click(page.take_control)
-        gui.add_markdown(_HELP)
-        self._size = page.guard(gui.add_dropdown("Nudge", tuple(NUDGES), initial_value=list(NUDGES)[1]))
         # Rows of two buttons, for those who have no keys.
         for row in zip(*[iter(MOVES)] * 2, strict=True):
             gui.add_button_group("", row).on_click(self._click)
@@ -187,6 +190,11 @@ class HandPanel:
         )
         if hands_back:
             page.add_button("Hand back", lambda person: person.hand_back(), "B", hint="The policy acts again.")
+        self._size = page.guard(gui.add_dropdown("Nudge", tuple(NUDGES), initial_value=list(NUDGES)[1]))
+        take = gui.add_button("Take control", hint="Where several browsers show this page, one controls.")
+        take.on_click(page.take_control)
+        with gui.add_folder("Help", expand_by_default=False):
+            gui.add_markdown(_HELP)
 
     async def _click(self, event: Any) -> None:
         if self._page.accepts(event) and event.target.value in MOVES:

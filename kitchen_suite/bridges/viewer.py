@@ -54,11 +54,11 @@ class EpisodePanel:
       cameras: to look through.
     """
 
-    def __init__(self, page: Page, camera: str, *, has_seeds: bool, seed: int = 0) -> None:
+    def __init__(self, page: Page, camera: str, *, has_seeds: bool, seed: int = 0, folded: bool = False) -> None:
         """Adds them to a page; `has_seeds` says whether seeds can be chosen, of which the first one is `seed`."""
         gui, self._page = page.gui, page
         self.report = gui.add_markdown("")
-        with gui.add_folder("Episode"):
+        with gui.add_folder("Episode", expand_by_default=not folded):
             self.run = page.guard(gui.add_checkbox("Run", initial_value=True))
             page.add_button("Step", "step", hint="One control step; pauses.")
             self._speed = page.guard(gui.add_dropdown("Speed", SPEEDS, initial_value="1x"))
@@ -106,7 +106,8 @@ class TaskPanel:
         gui, first, tasks = page.gui, settings, suite.TASKS_BY_DOMAIN
         self._settings, self._nobody = first, (NOBODY,) if first.teleop else ()
         given = first.policy or NOBODY
-        with gui.add_folder("Task"):
+        # Where a person plays, the hand comes first.
+        with gui.add_folder("Task", expand_by_default=not first.teleop):
             self._domain = page.guard(gui.add_dropdown("Domain", tuple(tasks), initial_value=first.domain_name))
             names = tuple(tasks[first.domain_name])
             self._task = page.guard(gui.add_dropdown("Task", names, initial_value=str(first.task_name)))
@@ -187,12 +188,15 @@ class Viewer:
         """
         page.clear()
         self._page, self.episode = page, episode
-        self._panel = EpisodePanel(page, camera, has_seeds=settings is not None, seed=episode.seed)
         self._problem, self._due, self._shown, self._is_stale = "", time.monotonic(), 0.0, False
         self._picture: CameraPicture | None = None
         self._follow: Any = None
+        is_persons = isinstance(episode, TeleoperatedEpisode)
         if isinstance(episode, TeleoperatedEpisode):
+            # First in the panel, which shows little on a phone.
             self._add_hand_widgets(episode, settings)
+        has_seeds = settings is not None
+        self._panel = EpisodePanel(page, camera, has_seeds=has_seeds, seed=episode.seed, folded=is_persons)
         self._tasks = TaskPanel(page, settings) if settings else None
         self._show_stage()
 
@@ -218,6 +222,10 @@ class Viewer:
 
     def _add_hand_widgets(self, episode: TeleoperatedEpisode, settings: ViewSettings | None) -> None:
         page, gui = self._page, self._page.gui
+        if settings is None:
+            page.add_button("Finish", lambda episode: episode.finish(), "enter", hint="The hand stays to the end.")
+        elif settings.output is not None:
+            page.add_button("Save", self._save, "enter", hint="And starts the episode of the next seed.")
         with gui.add_folder("Hand"):
             # Another policy can be loaded from the panel.
             HandPanel(page, hands_back=settings is not None or "policy" in policies.options_of(episode.spec.policy))
@@ -228,15 +236,13 @@ class Viewer:
                 steps = page.guard(gui.add_number("Control steps", 25, min=1, max=REWIND_STEPS, step=1))
                 page.add_button("Go back", lambda episode: episode.rewind(int(steps.value)), hint="By these steps.")
                 page.add_button("Discard", lambda episode: episode.discard(), hint="Starts the episode anew.")
-            if settings is None:
-                page.add_button("Finish", lambda episode: episode.finish(), "enter", hint="The hand stays to the end.")
-            elif settings.output is not None:
-                page.add_button("Save", self._save, "enter", hint="And starts the episode of the next seed.")
             self._follow = page.guard(gui.add_checkbox("Camera follows", initial_value=False))
             self._picture = CameraPicture(page, episode.physics)
 
     def _save(self, episode: TeleoperatedEpisode) -> None:
-        episode.save()
+        is_done = episode.save()
+        title, color = ("Saved", None) if is_done else ("Saved a failed episode", "red")
+        self._page.notify(title, episode.last_saved, color=color)
         self._panel.seed = episode.next_seed
         self._page.commands.put("reset")
 

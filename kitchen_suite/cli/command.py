@@ -234,7 +234,9 @@ class _Parser(flags.ArgumentParser):
             bound = f"least {flag.minimum}" if value < flag.minimum else f"most {flag.maximum}"
             raise ValueError(f"must be at {bound}")
         if flag.choices and value not in flag.choices:
-            raise ValueError(f"must be one of {', '.join(flag.choices)}")
+            near = checks.nearest(value, flag.choices)
+            hint = f" (did you mean {near}?)" if near else ""
+            raise ValueError(f"must be one of {', '.join(flag.choices)}{hint}")
         flag.check(value)
         return value
 

@@ -185,6 +185,9 @@ class Domain:
     ) -> "Environment":
         """Builds an environment of the domain.
 
+        Without arguments of the task it has those of its class: the kitchen then asks for the seven tasks of
+        FrankaKitchen-v1, and the open cabinet for its top drawer. `suite.load` builds a task by its name.
+
         Args:
           time_limit: length of an episode [s]; None for no limit; by default that of `episode_steps`.
           random: seed, or random state to draw from.

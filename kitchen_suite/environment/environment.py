@@ -323,7 +323,7 @@ class Environment(composer.Environment):
 
     def __repr__(self) -> str:
         timestep = self.control_timestep()
-        return f"Environment({self._task!r}, control_timestep={timestep:g}, step_limit={self._step_limit})"
+        return f"{type(self).__name__}({self._task!r}, control_timestep={timestep:g}, step_limit={self._step_limit})"
 
     @property
     def random_state(self) -> np.random.RandomState:

@@ -31,6 +31,7 @@ RESET_MASK = "reset_mask"
 
 # Keys of infos that hold strings.
 VARIATION_SPLIT, PHYSICS = "variation_split", "physics"
+INSTRUCTION = "instruction"
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
 
@@ -42,7 +43,8 @@ class SuiteEnv(gymnasium.Env):
     `copy.deepcopy` or pickle continues from the state of the original.
 
     Observation: one array, or a dict by `obs_type`; see docs/guide/observations.md.
-    Info: that of the task's MDP, in arrays of shape `()`, and `episode_step`, the number of control steps.
+    Info: that of the task's MDP, in arrays of shape `()`, and `episode_step`, the number of control steps. With
+      `instructions=True` also `instruction`, the task's sentence, a string.
 
     Attributes:
       environment: the suite's environment.
@@ -51,6 +53,7 @@ class SuiteEnv(gymnasium.Env):
       observations: converts between the forms of observations.
       clips_actions: whether actions have to be clipped to the `action_limit`.
       varies: whether parameters vary from episode to episode.
+      has_instructions: whether infos have the task's sentence.
       default_domain: name of the domain where none is given; empty for a class of any domain.
       obs_types: names of the observation types; the first is the default.
       default_cameras: cameras of the observation types with pictures where none are named.
@@ -104,6 +107,7 @@ class SuiteEnv(gymnasium.Env):
         obs_type: str | None = None,
         action_limit: float | None = None,
         episode_seeds: bool | int = False,
+        instructions: bool = False,
         **arguments: Any,
     ) -> None:
         """Builds the environment; a bad argument raises a TypeError or ValueError that names it.
@@ -134,6 +138,7 @@ class SuiteEnv(gymnasium.Env):
             after `reset(seed=s)` is then that of `reset(seed=s + k)`, whatever the lengths of those before it, and the
             one that `kitchen-record` plays as its `k`-th. A number is the distance between these seeds. Without it all
             episodes after a seed draw from one stream.
+          instructions: whether infos have the task's sentence as `instruction`, a string.
           **arguments: of the domain's scene and task, documented there: among them `control_mode` with its arguments,
             `cameras`, `extra_observables` and `variations`.
         """
@@ -161,6 +166,7 @@ class SuiteEnv(gymnasium.Env):
         self.max_episode_steps = self._max_episode_steps = max_episode_steps
         limit = math.inf if action_limit is None else checks.number(action_limit, "action_limit", positive=True)
         with_visuals = render_mode is not None or with_pictures
+        self.has_instructions = checks.boolean(instructions, "instructions")
         if render_quality is None and (with_pictures or render_mode is None):
             render_quality = "high"
         self.environment: Environment = record.load(
@@ -183,6 +189,9 @@ class SuiteEnv(gymnasium.Env):
         bounds = (spec.minimum, spec.maximum) if isinstance(spec, specs.BoundedArray) else (-limit, limit)
         low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
         self.action_space = spaces.Box(low, high, dtype=np.float32)
+        if self.has_instructions and not self.instruction:
+            name = type(self.composer_task).__name__
+            raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
         self.varies = bool(self.composer_task.variations.by_name)
         self._physics_info = {} if physics == EXACT else {PHYSICS: physics}
         self._renderer.check_camera(self.environment)
@@ -190,6 +199,7 @@ class SuiteEnv(gymnasium.Env):
         self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}
         self.observations = self._make_observations(obs_type)
         self.observation_space = self.observations.space
+        self.composer_task.hidden_keys = self.observations.hidden
         self._bound_random: np.random.Generator | None = None
         self._episode_step = 0
 
@@ -315,11 +325,19 @@ class SuiteEnv(gymnasium.Env):
         return np.array(value)
 
     def _all_infos(self) -> dict[str, Any]:
-        """Returns the infos of the task and of its variation, and physics and control timestep if not the default."""
-        timestep = {name: self._number(value) for name, value in self.environment.changed_timestep.items()}
+        """Returns the infos of task, variation and sentence, and physics and control step if not the default."""
         task = self.composer_task
         variation = task.variations.info if self.varies else {}
-        return {**self._get_info(), **task.episode.termination_info(), **variation, **self._physics_info, **timestep}
+        timestep = {name: self._number(value) for name, value in self.environment.changed_timestep.items()}
+        sentence = {INSTRUCTION: self.instruction} if self.has_instructions else {}
+        return {
+            **self._get_info(),
+            **task.episode.termination_info(),
+            **variation,
+            **self._physics_info,
+            **timestep,
+            **sentence,
+        }
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode; a bad argument raises a TypeError or ValueError that names it.

@@ -30,7 +30,6 @@ with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
     from gymnasium_robotics.core import GoalEnv
 
-INSTRUCTION = "instruction"  # Key of the task's sentence in infos.
 
 _GOALS = ("achieved_goal", "desired_goal")
 
@@ -75,6 +74,9 @@ class KitchenObservations(observations.Observations):
             "achieved_goal": observations.Part(space, lambda flat, state, pictures: form(state.achieved.copy())),
             "desired_goal": observations.Part(space, lambda flat, state, pictures: form(self._desired(state))),
         }
+
+    def goal_keys(self) -> list[str]:
+        return [f"{key}/{task}" for key in _GOALS for task in self._mdp.goals.split(self._mdp.goals.desired)]
 
     def request_parts(self) -> dict[str, observations.Part]:
         mdp = self._mdp
@@ -128,9 +130,9 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
       `pixels`.
     Action: nine joint velocities in [-1, 1], float32; float64 actions are used unrounded.
     Info, `info_format="lists"` only: lists of task names, `tasks_to_complete` and `step_task_completions` in configured
-      order, `episode_task_completions` in order of completion. With `instructions=True` also `instruction`, the task's
-      sentence; with `variations` also `variation_split`; with `tasks_per_episode` also `requested_tasks`, in their
-      order.
+      order, `episode_task_completions` in order of completion. With `variations` also `variation_split`; with
+      `tasks_per_episode` also `requested_tasks`, in their order; with `instructions=True` also `instruction`, the
+      task's sentence.
     Info, always, in configured order: these three as masks `(n,)` bool, under their names with `_mask` appended;
       `completion_steps` `(n,)` int64, -1 for tasks not yet completed; `task_distances` `(n,)` float64 [rad, m].
     Info, with `tasks_per_episode`: `requested_tasks_mask` `(n,)` bool, and `requested_order` `(n,)` int64, the place of
@@ -146,7 +148,6 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
 
     Attributes, beside those of the original, which `OriginalEnv` has:
       info_format: `lists` or `arrays`.
-      has_instructions: whether infos have the task's sentence.
     """
 
     metadata = {**OriginalEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
@@ -189,8 +190,7 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
         """
         self._goal_format = checks.choice(goal_format, ("dict", "flat"), "goal_format")
         self.info_format = checks.choice(info_format, ("lists", "arrays"), "info_format")
-        self.has_instructions = checks.boolean(instructions, "instructions")
-        if self.has_instructions and info_format == "arrays":
+        if checks.boolean(instructions, "instructions") and info_format == "arrays":
             raise ValueError("instructions=True needs info_format='lists': infos of 'arrays' hold no strings")
         super().__init__(
             tasks_to_complete=tasks_to_complete,
@@ -198,13 +198,11 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
             remove_task_when_completed=remove_task_when_completed,
             object_noise_ratio=object_noise_ratio,
             robot_noise_ratio=robot_noise_ratio,
+            instructions=instructions,
             **arguments,
         )
         self._object_noise_ratio = float(object_noise_ratio)
         self._robot_noise_ratio = float(robot_noise_ratio)
-        if self.has_instructions and not self.instruction:
-            name = type(self.composer_task).__name__
-            raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
 
     @property
     def robot_keys(self) -> tuple[str, ...]:
@@ -229,7 +227,6 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
             TO_COMPLETE: task.tasks_to_complete,
             STEP_COMPLETIONS: task.step_task_completions,
             EPISODE_COMPLETIONS: task.episode_task_completions,
-            **({INSTRUCTION: self.instruction} if self.has_instructions else {}),
             **({VARIATION_SPLIT: task.variations.split} if self.varies else {}),
             **({REQUESTED: task.requested_tasks} if task.mdp.task_draw else {}),
         }

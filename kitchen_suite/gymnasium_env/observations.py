@@ -89,6 +89,7 @@ class Observations:
       space: of the observations.
       has_pictures: whether they hold pictures.
       has_goals: whether they hold the achieved and the desired goal.
+      hidden: keys of the suite's own observation of which they hold nothing.
     """
 
     def __init__(
@@ -126,6 +127,12 @@ class Observations:
         }
         self._parts = {key: part for kind in OBS_TYPES[obs_type] for key, part in kinds[kind]().items()}
         self._parts |= self.request_parts()
+        shown = {"observation", "environment_state"}.intersection(OBS_TYPES[obs_type])
+        shown_of_robot = {"observation", "agent_pos"}.intersection(OBS_TYPES[obs_type])
+        hidden = [key for key in keys if not (shown_of_robot if key in of_robot else shown)]
+        if "goals" not in OBS_TYPES[obs_type]:
+            hidden += self.goal_keys()
+        self.hidden = frozenset(hidden)
         self._is_array = OBS_TYPES[obs_type] == ("observation",)
         boxes = {key: part.space for key, part in self._parts.items()}
         if self._is_array:
@@ -137,6 +144,10 @@ class Observations:
     def goal_parts(self) -> dict[str, Part]:
         """Returns the achieved and the desired goal; empty in a domain without goals."""
         return {}
+
+    def goal_keys(self) -> list[str]:
+        """Returns the keys of goals in the suite's own observation; none in a domain without goals."""
+        return []
 
     def request_parts(self) -> dict[str, Part]:
         """Returns parts that every observation type has after its own."""

@@ -4,10 +4,14 @@ Otherwise `--env.discover_packages_path=kitchen_suite.lerobot` makes it do so. I
 of environment for each domain: `--env.type=kitchen`, `--env.type=open_cabinet`. Needs the extra `lerobot`.
 """
 
-from kitchen_suite.lerobot.configs import SuiteEnvConfig as SuiteEnvConfig
-from kitchen_suite.lerobot.configs import make_env as make_env
-from kitchen_suite.lerobot.configs import register as register
-from kitchen_suite.suite import DOMAINS
+from kitchen_suite import checks as _checks
+
+_checks.installed(("lerobot",), "kitchen_suite.lerobot", "lerobot")
+
+from kitchen_suite.lerobot.configs import SuiteEnvConfig as SuiteEnvConfig  # noqa: E402
+from kitchen_suite.lerobot.configs import make_env as make_env  # noqa: E402
+from kitchen_suite.lerobot.configs import register as register  # noqa: E402
+from kitchen_suite.suite import DOMAINS  # noqa: E402
 
 __all__ = ["SuiteEnvConfig", "make_env", "register"]
 

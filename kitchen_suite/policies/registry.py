@@ -7,6 +7,10 @@ where a policy has one, before each action.
 
 A policy `gym:module:callable` is called with the observation of the Gymnasium environment instead, which is what
 policies of Gymnasium's libraries were trained on. What a policy is called with is its attribute `takes`.
+
+A policy of a user's own, or on a server, sees what the `obs_type` of the environment shows: with `pixels_agent_pos`
+images and the robot's joints. One with an attribute `privileged` that is true sees everything, for example a scripted
+one that records images. The suite's own policies do: experts need it, and trained ones read what they were trained on.
 """
 
 import abc
@@ -18,7 +22,7 @@ import itertools
 import pkgutil
 import re
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -48,6 +52,8 @@ PACKAGES = {"experts": ("daqp", "mink"), "remote": ("msgpack", "websockets")}
 
 _ADDRESS = re.compile(r"wss?://\S+")  # A policy on a server, by its address alone.
 _OF_GYMNASIUM = re.compile(r"gym:(?P<name>[^:]+:.+)")  # A policy that takes the Gymnasium environment's observation.
+# The address of a server with another scheme, or without one: a name with a port.
+_OTHER_ADDRESS = re.compile(r"(?P<scheme>https?://)?(?P<host>[\w.-]+(?::\d+)?)(?P<path>/\S*)?")
 _MAX_LENGTH = 5_000  # Characters of a policy with options; there is room for the path of a file.
 
 
@@ -61,12 +67,14 @@ class PolicySource(abc.ABC):
     Attributes:
       takes_options: whether the name may have options, such as `expert(speed=0.8)`.
       extra: a key of `PACKAGES`, the extra that it needs, if any.
+      privileged: whether its policies see observations that the `obs_type` of the environment leaves out.
       player: entry point of the function that lets each episode be played before it is stepped, called with its
         `rollouts.spec.EpisodeSpec`; None for policies that act by themselves.
     """
 
     takes_options = False
     extra: str | None = None
+    privileged = True
     player: str | None = None
 
     @abc.abstractmethod
@@ -286,6 +294,7 @@ class RemoteSource(PolicySource):
     """
 
     takes_options, extra = True, "remote"
+    privileged = False
 
     def __call__(
         self, environment: dm_env.Environment, generator: np.random.Generator, *, address: str = "", timeout: float = 60
@@ -328,17 +337,18 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
       ImportError: the policy needs an extra that is not installed.
       ValueError: the policy does not exist, cannot be imported or cannot be called, or `name` is not well-formed.
     """
-    if name.endswith(".npz"):
-        file = checks.shown(name)
-        raise ValueError(f"policy {file} is a file, not a name: write trained(file={file})")
+    if meant := _meant(name):
+        raise ValueError(f"policy {checks.shown(name)} is not a name: write {meant}")
     key, options = _key_and_options(name)
     if ":" in key:
         of_gymnasium = _OF_GYMNASIUM.fullmatch(name)
         imported = checks.imported(of_gymnasium["name"] if of_gymnasium else name, "policy")
         if not callable(imported):
             raise ValueError(f"policy {checks.shown(name)} cannot be called: it is {checks.shown(imported)}")
-        taken = OBSERVATION if of_gymnasium else TIMESTEP
-        return lambda environment, generator: _CheckedPolicy(imported, name, environment, taken)
+        if of_gymnasium:
+            return lambda environment, generator: _CheckedPolicy(imported, name, environment, takes=OBSERVATION)
+        privileged = bool(getattr(imported, "privileged", False))
+        return lambda environment, generator: _CheckedPolicy(imported, name, environment, privileged=privileged)
     try:
         source = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
     except ValueError as error:
@@ -355,7 +365,7 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
             policy = build(environment, generator, **options)
         except (OSError, TypeError, ValueError) as error:
             raise PolicyError(f"policy {checks.shown(name)} cannot be built: {error}") from error
-        return _CheckedPolicy(policy, name, environment)
+        return _CheckedPolicy(policy, name, environment, privileged=source.privileged)
 
     return build_with_checks
 
@@ -417,6 +427,22 @@ def without_file(name: str) -> str:
     return f"{key}({others})" if others else key
 
 
+def _meant(name: str) -> str | None:
+    """Returns how to write a policy that is named in a form which none has; None for other names."""
+    key, mark, rest = name.partition(":")
+    if name.endswith(".npz"):
+        return f"trained(file={checks.shown(rest if mark and key in POLICIES else name)})"
+    if mark and key in POLICIES:
+        return f"its options as in a call, {key}({rest})" if POLICIES[key].takes_options else key
+    if name.endswith(".py"):
+        checks.imported(name, "policy")  # Raises the error of a file in place of a module.
+    address = _OTHER_ADDRESS.fullmatch(name)
+    if address and (address["scheme"] or re.search(r":\d", name)):
+        scheme = "wss" if address["scheme"] == "https://" else "ws"
+        return f"{scheme}://{address['host']}{address['path'] or ''}, the address of a server"
+    return None
+
+
 def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:
     """Returns a policy's name and its options, written as in a Python call; an address is an option of `remote`."""
     if _ADDRESS.fullmatch(text):
@@ -436,13 +462,29 @@ def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:
 
 
 class _CheckedPolicy:
-    """A policy that returns valid actions in fresh arrays, or raises a PolicyError that names it."""
+    """A policy that returns valid actions in fresh arrays, or raises a PolicyError that names it.
 
-    def __init__(self, policy: Policy, name: str, environment: dm_env.Environment, takes: str = TIMESTEP) -> None:
+    Unless it is privileged, it sees no observations that the `obs_type` of the environment leaves out.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        name: str,
+        environment: dm_env.Environment,
+        *,
+        takes: str = TIMESTEP,
+        privileged: bool = False,
+    ) -> None:
         self._policy, self._name, self._environment = policy, name, environment
         self.takes = takes
+        sees_everything = privileged or takes == OBSERVATION
+        self._hidden: Collection[str] = () if sees_everything else environment.task.hidden_keys
 
     def __call__(self, given: Any) -> NDArray[np.float64]:
+        if self._hidden:
+            shown = {key: value for key, value in given.observation.items() if key not in self._hidden}
+            given = given._replace(observation=shown)
         try:
             action = self._policy(given)
         except ConnectionError as error:
@@ -450,6 +492,8 @@ class _CheckedPolicy:
         except (Exception, SystemExit) as error:
             frame = traceback.extract_tb(error.__traceback__)[-1]
             problem = f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})"
+            if isinstance(error, KeyError) and str(error) in map(repr, self._hidden):
+                problem += "; the obs_type does not show it: choose another one, or set privileged = True on the policy"
             raise PolicyError(f"policy {checks.shown(self._name)} raised {problem}") from error
         try:
             return self._environment.task.checked_action(action)

@@ -347,9 +347,7 @@ def import_lerobot() -> Any:
     try:
         return importlib.import_module("lerobot.datasets.lerobot_dataset")
     except ImportError as error:
-        raise ImportError(
-            f"the dataset needs LeRobot, which needs Python 3.12 ({error}): {checks.install_command('lerobot')}"
-        ) from error
+        raise ImportError(f"the dataset needs LeRobot ({error}): {checks.install_command('lerobot')}") from error
 
 
 @contextlib.contextmanager

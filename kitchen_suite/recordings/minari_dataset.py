@@ -247,11 +247,18 @@ def import_minari() -> Any:
 
 def check_id(dataset_id: str) -> None:
     """Raises a ValueError for a name of a dataset that Minari does not accept."""
-    parse = importlib.import_module("minari.dataset.minari_dataset").parse_dataset_id
+    if not _is_id(dataset_id):
+        versioned = f"{dataset_id}-v0"
+        meant = f"it lacks a version, as in {versioned}" if _is_id(versioned) else "such as me/kettle-v0"
+        raise ValueError(f"{checks.shown(dataset_id)} is no name of a dataset in Minari: {meant}")
+
+
+def _is_id(dataset_id: str) -> bool:
     try:
-        parse(dataset_id)
-    except (TypeError, ValueError) as error:  # A missing version is a TypeError.
-        raise ValueError(f"{checks.shown(dataset_id)} is no name of a dataset, such as me/kettle-v0") from error
+        importlib.import_module("minari.dataset.minari_dataset").parse_dataset_id(dataset_id)
+    except (TypeError, ValueError):  # A missing version is a TypeError.
+        return False
+    return True
 
 
 def _check_episode_size(data_path: Path, index: int) -> None:

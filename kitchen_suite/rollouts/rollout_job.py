@@ -141,7 +141,7 @@ def policy_rollout(file: Path, **settings: Any) -> RolloutSettings:
 
 
 class PlayJob(RolloutJob):
-    """Plays and films a trained policy; the last line that it prints is the number of successes."""
+    """Plays and films a trained policy."""
 
     def __init__(self, settings: PlaySettings) -> None:
         if settings.shipped and settings.policy_file:
@@ -162,7 +162,6 @@ class PlayJob(RolloutJob):
             print_line(f"video {self._video}")
         if self._reason_against_video:
             print_line(f"no video: {self._reason_against_video}")
-        print_line(f"success {self._report.successes}/{self.finished}")
         return True
 
 

@@ -26,6 +26,13 @@ from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, NO_RESULT
 
 _EVALUATION_ENVS = 20  # Environments that policies are evaluated in.
 
+# What makes a finished seed train on, with the flags as fields of its `Schedule`.
+_TRAIN_ON = {
+    StopReason.TARGET: "a --target_success above {target_success:g}",
+    StopReason.STEPS: "a --num_steps above {num_steps}",
+    StopReason.NO_PROGRESS: "a --patience above {patience}, or of 0,",
+}
+
 
 class TrainJob:
     """Trains with one seed, and with further seeds as long as there is no progress.
@@ -76,6 +83,9 @@ class TrainJob:
         print_line(f"{settings.domain_name} {self._spec.task_name}, {self.training.title}, in {settings.output}")
         schedule, steps = self._schedule, f"at most {self._schedule.num_steps:,} {self.training.steps} for each seed"
         print_line(f"{steps}, evaluated every {schedule.eval_interval:,} in {schedule.eval_episodes} episodes")
+        if schedule.target_success <= 1.0:
+            target = f"{100 * schedule.target_success:.4g} %"
+            print_line(f"ends once two evaluations in a row reach a success of {target} (--target_success)")
         print_line(f"curves: tensorboard --logdir={settings.output}\n\n{HEADING}")
         with contextlib.closing(self.training), contextlib.closing(self.evaluation_environments):
             for seed in range(settings.seed, settings.seed + settings.restarts + 1):
@@ -97,6 +107,8 @@ class TrainJob:
         if not run.resumed:
             self.training.prepare(learner)
 
+        first_step, was_resumed = run.steps, run.resumed
+
         def report(row: str) -> None:
             self._keep_if_best(run)
             print_line(row)
@@ -105,6 +117,8 @@ class TrainJob:
         self._keep_if_best(run)
         success, mean_return = run.best
         print_line(f"seed {seed}: {reason.value}; best evaluation: success {success:.0%}, return {mean_return:.1f}")
+        if was_resumed and run.steps == first_step:
+            print_line(f"seed {seed} had finished before: {_TRAIN_ON[reason].format(**vars(self._schedule))} trains on")
         return reason
 
     def _present_best(self) -> tuple[float, float]:

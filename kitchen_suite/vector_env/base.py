@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.environment.edits import ModelSnapshot
 from kitchen_suite.environment.seeds import checked_stride
-from kitchen_suite.gymnasium_env.base import RESET_MASK, STATE, VARIATION, VARIATION_VALUES, SuiteEnv
+from kitchen_suite.gymnasium_env.base import INSTRUCTION, RESET_MASK, STATE, VARIATION, VARIATION_VALUES, SuiteEnv
 from kitchen_suite.rendering.cameras import CameraParameters
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.episodes import BatchEpisodes, BatchPictures
@@ -267,7 +267,10 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the infos of all environments but those on the variation, in fresh arrays with a leading axis."""
-        return self._episodes.info()
+        infos = self._episodes.info()
+        if self._template_env.has_instructions:
+            infos[INSTRUCTION] = np.array(self.instruction, object)
+        return infos
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]

@@ -11,7 +11,7 @@ import tree
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT
-from kitchen_suite.gymnasium_env.kitchen import INSTRUCTION, FrankaKitchenEnv, GoalMethod, goal_observation
+from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv, GoalMethod, goal_observation
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, REQUESTED, TASK_ID
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -94,14 +94,13 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return selected, keep(lambda steps: tuple(goals.by_completion(np.frombuffer(steps, np.int64))))
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
-        """Returns the lists of task names, and the sentences, `(n,)` that infos of the single environment have."""
+        """Returns the lists of task names `(n,)` that infos of the single environment have."""
         state, env, count = self._episodes.state.mdp_state, self._template_env, self.num_envs
         progress, (selected, completed) = state.progress, self._remembered
         lists: dict[str, Sequence[Any]] = {
             TO_COMPLETE: [[*selected(row.tobytes())] for row in progress.remaining],
             STEP_COMPLETIONS: [[*selected(row.tobytes())] for row in progress.completions],
             EPISODE_COMPLETIONS: [[*completed(row.tobytes())] for row in progress.completion_steps],
-            **({INSTRUCTION: self.instruction} if env.has_instructions else {}),
             **({VARIATION_SPLIT: (env.variation_split,) * count} if env.varies else {}),
         }
         if self._mdp.task_draw:

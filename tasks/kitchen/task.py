@@ -184,7 +184,7 @@ class KitchenTask(SuiteTask):
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:
-        return f"KitchenTask(tasks_to_complete={list(self.mdp.goals.tasks)})"
+        return f"{type(self).__name__}(tasks_to_complete={list(self.mdp.goals.tasks)})"
 
     @property
     def instructions(self) -> tuple[str, ...]:

@@ -244,7 +244,8 @@ class KitchensTask(SuiteTask):
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:
-        return f"KitchensTask(design={self.scene.design.name or 'own'!r}, tasks={list(self.requests.tasks)})"
+        design = self.scene.design.name or "own"
+        return f"{type(self).__name__}(design={design!r}, tasks={list(self.requests.tasks)})"
 
     @property
     def instructions(self) -> tuple[str, ...]:

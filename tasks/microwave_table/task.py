@@ -133,7 +133,7 @@ class MicrowaveTableTask(OpeningTask):
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:
-        return f"MicrowaveTableTask(threshold={self.mdp.threshold:g})"
+        return f"{type(self).__name__}(threshold={self.mdp.threshold:g})"
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._indices = SceneIndices(self.scene, self._goals, physics)

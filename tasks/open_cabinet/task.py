@@ -119,7 +119,7 @@ class OpenCabinetTask(OpeningTask):
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:
-        return f"OpenCabinetTask(drawer={self.drawer!r}, reward={self.reward_name!r})"
+        return f"{type(self).__name__}(drawer={self.drawer!r}, reward={self.reward_name!r})"
 
     @property
     def instructions(self) -> tuple[str, ...]:

@@ -240,7 +240,8 @@ def test_what_the_viewer_saves_is_a_recording_of_kitchen_record(tmp_path, capsys
     episode = live_episode(ViewSettings(teleop=True, task_name="kettle", output=tmp_path / "mine"))
     episode.arm.nudge([0.0, 0.0, 0.02])
     play(episode, 3)
-    episode.save()
+    assert not episode.save()
+    assert "saved last | seed 0: the task was not done" in episode.report()
     capsys.readouterr()
     flags = ["--policy=teleop", "--task_name=kettle", "--max_episode_steps=2000", "--num_episodes=1"]
     status = record.main([*flags, f"--output={tmp_path / 'mine'}"])

@@ -12,6 +12,7 @@ import pytest
 from helpers.errors import refused
 from helpers.viser_client import TIMEOUT, Browser
 
+from kitchen_suite import checks
 from kitchen_suite.bridges.viewer import live_episode, policies_for
 from kitchen_suite.cli.commands import replay, view
 from kitchen_suite.rollouts.folder import RecordingFolder
@@ -22,7 +23,7 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(capsys, monk
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert view.main([]) == 2
     err = capsys.readouterr().err
-    assert err == "kitchen-view: kitchen-view needs viser and mjviser: pip install '.[web]'\n"
+    assert err == f"kitchen-view: kitchen-view needs viser and mjviser: {checks.install_command('web')}\n"
 
 
 @pytest.mark.web

@@ -95,10 +95,34 @@ def test_a_phone_has_buttons(port):
         assert hand_height(page) > height + 0.005
 
 
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
+def test_the_hand_and_save_are_in_view_and_the_rest_is_folded(port, tmp_path, width, height):
+    with teleoperated(port, f"--output={tmp_path / 'mine'}") as page:
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(2_000)
+        for name in ("Save", "Forward", "Up", "Open or close"):
+            box = page.get_by_role("button", name=name, exact=True).first.bounding_box()
+            assert 0 <= box["y"] <= height - box["height"]
+            assert 0 <= box["x"] <= width - box["width"]
+        for name in ("Step", "Load"):
+            assert not page.get_by_role("button", name=name, exact=True).first.is_visible()
+
+
+def test_saving_says_whether_the_task_was_done(port, tmp_path):
+    with teleoperated(port, f"--output={tmp_path / 'mine'}") as page:
+        page.set_viewport_size({"width": 1280, "height": 800})
+        page.get_by_role("button", name="Up", exact=True).first.click()
+        wait_for_report(page, r"control step\s+[1-9]")
+        page.keyboard.press("Enter")
+        wait_for_report(page, "Saved a failed episode")
+        wait_for_report(page, "seed 0: the task was not done")
+
+
 @contextlib.contextmanager
-def teleoperated(port):
+def teleoperated(port, *arguments):
     """A page in which a person moves the hand."""
     command = [sys.executable, "-m", "kitchen_suite", "view", "--teleop", "--task_name=kettle", f"--port={port}"]
+    command += arguments
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
         with pages.opened(running.stdout.readline().split()[0]) as (page, _):
             wait_for_report(page, r"control step\s+0 of 2000")

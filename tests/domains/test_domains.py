@@ -109,12 +109,23 @@ def registering(name, **attributes):
         del gymnasium.registry[env_id]
 
 
+@pytest.mark.parametrize("name", suite.DOMAINS)
+def test_a_class_of_a_users_own_is_represented_by_its_own_name(name):
+    domain = suite.find_domain(name)
+    own = type("TaskOfAUser", (domain.resolve("task"),), {})
+    environment = dataclasses.replace(domain, task=own).load(**domain.tasks[domain.default_task], visuals=False)
+    assert repr(environment.task).startswith("TaskOfAUser(")
+    assert "TaskOfAUser(" in repr(environment)
+
+
 def test_a_domain_needs_six_fields():
     fields = {"scene": build_microwave_table_scene, "task": GentleTask, "tasks": {"open": {}}}
     with registering("gentle", **fields):
         env = gymnasium.make("Mine/Gentle-v1", variations="start", max_episode_steps=3)
         assert isinstance(env.unwrapped, FrankaMicrowaveTableEnv)
         assert isinstance(env.unwrapped.composer_task, GentleTask)
+        told = gymnasium.make("Mine/GentleOpen-v1", instructions=True)
+        assert told.reset(seed=0)[1]["instruction"] == told.unwrapped.instruction == "open the microwave door"
         many = gymnasium.make_vec("Mine/GentleOpen-v1", 2, variations="start")
         one, other = env.reset(seed=1)[0], many.reset(seed=0)[0]
         np.testing.assert_array_equal(other[1], one)

@@ -1,5 +1,7 @@
 """The task's sentence in Gymnasium environments, single and vectorised, and in infos when asked for."""
 
+import pickle
+
 import gymnasium
 import numpy as np
 import pytest
@@ -59,13 +61,36 @@ def test_attributes_of_an_episode_are_not_read(name, error, shown):
             read(name)
 
 
-def test_infos_have_the_sentence_when_asked_for():
-    environment, plain = gymnasium.make(KITCHEN_ID, instructions=True, **PAIR), gymnasium.make(KITCHEN_ID, **PAIR)
-    action = np.zeros(9, np.float32)
+@pytest.mark.parametrize("domain", suite.DOMAINS)
+def test_infos_have_the_sentence_when_asked_for(domain):
+    environment, plain = (gymnasium.make(IDS[domain], **settings) for settings in ({"instructions": True}, {}))
+    action = np.zeros(plain.action_space.shape, np.float32)
     pairs = [(environment.reset(seed=1), plain.reset(seed=1)), (environment.step(action), plain.step(action))]
     for (*_, asked), (*_, default) in pairs:
-        assert asked.pop("instruction") == SENTENCE
+        assert asked.pop("instruction") == environment.unwrapped.instruction
         assert list(asked) == list(default)
+    copy = pickle.loads(pickle.dumps(environment.unwrapped))
+    assert copy.step(action)[-1]["instruction"] == environment.unwrapped.instruction
+
+
+@pytest.mark.parametrize("domain", suite.DOMAINS)
+def test_infos_of_many_have_the_sentence_of_each_in_every_domain(domain):
+    environments, plain = vector(IDS[domain], 3, instructions=True), vector(IDS[domain], 3)
+    actions = np.zeros(plain.action_space.shape, np.float32)
+    pairs = [(environments.reset(seed=1), plain.reset(seed=1)), (environments.step(actions), plain.step(actions))]
+    for (*_, asked), (*_, default) in pairs:
+        assert tuple(asked.pop("instruction")) == environments.unwrapped.instruction
+        assert asked.pop("_instruction").all()
+        assert asked.keys() == default.keys()
+
+
+def test_every_kitchen_states_its_own_task():
+    settings = {"design": [0, 1, 2], "verbs": ["open", "close"]}
+    environments = vector(IDS["kitchens"], 3, instructions=True, autoreset_mode="SameStep", **settings)
+    *_, infos = environments.reset(seed=0)
+    assert len({*infos["instruction"]}) > 1
+    single = gymnasium.make(IDS["kitchens"], instructions=True, design=1, verbs=settings["verbs"])
+    assert single.reset(seed=1)[1]["instruction"] == infos["instruction"][1]
 
 
 def test_infos_of_many_have_the_sentence_of_each():
@@ -97,12 +122,6 @@ def test_hindsight_rewards_take_infos_with_sentences():
 def test_sentences_in_arrays_are_refused(build, settings, error, shown):
     with refused(error, *shown):
         build(KITCHEN_ID, **{"instructions": True, **settings})
-
-
-@pytest.mark.parametrize("domain", sorted(suite.DOMAINS.keys() - {"kitchen"}))
-def test_domains_whose_infos_are_arrays_do_not_have_the_keyword(domain):
-    with refused(TypeError, "'instructions'"):
-        gymnasium.make(IDS[domain], instructions=True)
 
 
 def test_a_task_without_a_sentence_cannot_be_asked_for_it(monkeypatch):

@@ -17,7 +17,9 @@ START = dm_env.restart(observation={})
 
 def build(name, minimum, maximum, size=8, seed=0):
     spec = specs.BoundedArray((size,), np.float64, minimum, maximum)
-    task = types.SimpleNamespace(checked_action=lambda action: checks.vector(action, size, "action").copy())
+    task = types.SimpleNamespace(
+        checked_action=lambda action: checks.vector(action, size, "action").copy(), hidden_keys=()
+    )
     environment = types.SimpleNamespace(action_spec=lambda: spec, task=task)
     return policies.find(name)(environment, np.random.default_rng(seed))
 

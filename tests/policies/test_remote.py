@@ -63,7 +63,7 @@ def serving(port, answer, **options):
 
 def build(name):
     task = types.SimpleNamespace(
-        checked_action=lambda action: checks.vector(action, SIZE, "action"), instruction="open the door"
+        checked_action=lambda action: checks.vector(action, SIZE, "action"), instruction="open the door", hidden_keys=()
     )
     spec = specs.BoundedArray((SIZE,), np.float64, -1, 1)
     environment = types.SimpleNamespace(action_spec=lambda: spec, task=task)

@@ -18,6 +18,7 @@ from helpers.episodes import load_episode
 from helpers.original import original_environment, random_actions
 from helpers.sweeps import brief, brief_named
 
+from kitchen_suite import checks
 from kitchen_suite.cli.commands import record, replay, rollout
 from kitchen_suite.recordings.replay import choose
 from kitchen_suite.rollouts.episode import flatten, unflatten
@@ -478,4 +479,4 @@ def test_without_minari_folders_can_be_replayed(run, runs, monkeypatch):
     assert run("runs", "--num_episodes=1")[0] == 0
     status, _, err = run(ID)
     assert status == 2
-    assert "pip install '.[record]'" in err
+    assert checks.install_command("record") in err

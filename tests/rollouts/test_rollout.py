@@ -15,7 +15,7 @@ from dm_control.rl import control
 from helpers.episodes import assert_same_arrays, load_episode, nested
 from helpers.sweeps import brief
 
-from kitchen_suite import suite
+from kitchen_suite import checks, suite
 from kitchen_suite.cli.commands import rollout
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering import gl
@@ -429,7 +429,7 @@ def test_a_video_without_ffmpeg_names_what_to_install(run, monkeypatch):
     monkeypatch.setattr(gl, "prepare", lambda rendering: None)
     status, out, err = run("--video=film.mp4")
     assert (status, out) == (2, "")
-    assert err == "kitchen-rollout: a video needs imageio-ffmpeg: pip install '.[video]'\n"
+    assert err == f"kitchen-rollout: a video needs imageio-ffmpeg: {checks.install_command('video')}\n"
 
 
 def in_a_process(*arguments, unset=(), **variables):

@@ -8,6 +8,7 @@ import pytest
 from helpers import pages
 from helpers.episodes import assert_same_arrays, load_episode
 
+from kitchen_suite import checks
 from kitchen_suite.cli.commands import evaluate, play, record, replay, rollout
 
 TIMESTEP = 0.08  # Of the kitchen [s]
@@ -29,7 +30,7 @@ def test_a_page_without_the_extra_names_what_to_install(folder, refusal, monkeyp
     monkeypatch.setattr(
         "importlib.util.find_spec", lambda name, *rest: None if name == "viser" else find_spec(name, *rest)
     )
-    assert "pip install '.[web]'" in refusal(rollout, "--web=page.html")
+    assert checks.install_command("web") in refusal(rollout, "--web=page.html")
 
 
 @pytest.mark.web

@@ -14,6 +14,7 @@ import sys
 import numpy as np
 import pytest
 
+from kitchen_suite import checks
 from kitchen_suite.cli.commands import play, train
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
 from kitchen_suite.rendering import gl, video
@@ -78,7 +79,9 @@ def test_a_run_leaves_a_policy_curves_and_the_last_checkpoints(run):
     status, out, err = run("--num_steps=640")
     assert (status, err) == (0, "")
     length = "at most 640 control steps for each seed, evaluated every 128 in 2 episodes"
-    assert out.startswith(f"open_cabinet top_drawer, PPO, in run\n{length}\ncurves: tensorboard --logdir=run\n")
+    ends = "ends once two evaluations in a row reach a success of 98 % (--target_success)"
+    heading = f"open_cabinet top_drawer, PPO, in run\n{length}\n{ends}\ncurves: tensorboard --logdir=run\n"
+    assert out.startswith(heading)
     assert rows(out) == [(0, batches * BATCH) for batches in (0, 2, 4, 6, 8, 10)]
     assert out.splitlines()[-1] == "best policy: run/policy.npz"
     assert sorted(os.listdir("run")) == ["policy.npz", "seed_0", "training.json"]
@@ -94,7 +97,7 @@ def test_a_run_leaves_a_policy_curves_and_the_last_checkpoints(run):
 def test_a_trained_policy_can_be_played(run, capsys, task_kwargs):
     assert run(f"--task_kwargs={json.dumps(task_kwargs)}", "--num_steps=64")[0] == 0
     assert play.main(["--policy_file=run/policy.npz", "--novideo", "--num_episodes=1"]) == 0
-    assert re.fullmatch(r"success [01]/1", capsys.readouterr().out.splitlines()[-1])
+    assert re.search(r"^success rate .*\([01] of 1\)$", capsys.readouterr().out, re.MULTILINE)
 
 
 @clients
@@ -181,9 +184,26 @@ def test_an_interrupted_restart_goes_on_with_its_own_seed(run, evaluations):
 @clients
 def test_a_run_that_reached_its_target_can_be_resumed_with_a_higher_one(run, evaluations):
     evaluations[:] = [{"success": 0.9, "progress": 0.0, "return": 0.0}]
-    assert rows(run("--target_success=0.9")[1])[-1] == (0, 2 * BATCH)
-    assert rows(run("--target_success=0.9", "--resume")[1]) == []
+    first = run("--target_success=0.9")[1]
+    assert rows(first)[-1] == (0, 2 * BATCH)
+    assert " 90 % (--target_success)" in first
+    assert "had finished" not in first
+    finished = run("--target_success=0.9", "--resume")[1]
+    assert rows(finished) == []
+    assert "--target_success above 0.9" in finished
     assert rows(run("--target_success=0.95", "--resume")[1])[-1] == (0, 6 * BATCH)
+
+
+@clients
+@pytest.mark.parametrize("flag", ["--num_steps", "--patience"])
+def test_a_finished_run_names_the_flag_that_trains_it_on(run, evaluations, flag):
+    evaluations[:] = [{"success": 0.1, "progress": 0.0, "return": 0.0}]
+    ending = {"--num_steps": ["--num_steps=128"], "--patience": ["--patience=64", "--restarts=0"]}[flag]
+    assert rows(run(*ending)[1])
+    again = run(*ending, "--resume")[1]
+    assert rows(again) == []
+    assert f"{flag} above" in again
+    assert "(--target_success)" not in run("--num_steps=192", "--target_success=1.1", "--resume")[1]
 
 
 @clients
@@ -407,7 +427,8 @@ def test_a_missing_extra_names_what_to_install(run, monkeypatch, missing):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in missing else object())
     status, out, err = run()
     assert (status, out) == (2, "")
-    assert err == f"kitchen-train: kitchen-train needs {' and '.join(missing)}: pip install '.[train]'\n"
+    install = checks.install_command("train")
+    assert err == f"kitchen-train: kitchen-train needs {' and '.join(missing)}: {install}\n"
 
 
 @pytest.mark.parametrize("flag", ["--help", "-h"])

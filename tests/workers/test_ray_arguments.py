@@ -7,6 +7,7 @@ import socket
 
 import pytest
 
+from kitchen_suite import checks
 from kitchen_suite.cli.commands import record, rollout
 from kitchen_suite.workers.pool import waiting_line
 
@@ -70,7 +71,7 @@ def test_the_error_without_ray_says_what_to_install(run, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     status, err = run("--workers=2")
     assert status == 2
-    assert "workers need Ray: pip install '.[ray]'" in err
+    assert f"workers need Ray: {checks.install_command('ray')}" in err
 
 
 def test_workers_make_no_video(capsys, ray_found):
