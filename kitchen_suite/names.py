@@ -1,4 +1,4 @@
-"""Names of the kitchen's tasks, which its tables of goals, starts, skills and policies have as keys."""
+"""Names that several packages share: of the kitchen's tasks, of kinds of physics, of packages of extras."""
 
 # The seven of FrankaKitchen-v1, in its order.
 DEFAULT_TASKS = ("bottom burner", "top burner", "light switch", "slide cabinet", "hinge cabinet", "microwave", "kettle")
@@ -29,3 +29,6 @@ TASK_SETS = {
 
 EXACT, FAST = PHYSICS = ("exact", "fast")
 """Names of the ways in which a scene is simulated; the first is the default."""
+
+# Packages that an extra installs, by the name of the extra, of which an error says that they are missing.
+EXTRA_PACKAGES = {"experts": ("daqp", "mink"), "remote": ("msgpack", "websockets")}

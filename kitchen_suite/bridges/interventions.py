@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.bridges.page import FIRST_CAMERA, HandPanel, Page, Stage
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies.registry import PACKAGES
+from kitchen_suite.names import EXTRA_PACKAGES
 from kitchen_suite.rendering.viser_servers import check_extra, local_server
 
 
@@ -188,7 +188,7 @@ class _Commanded:
 def _check_extras(what: str) -> None:
     """Raises an ImportError unless the extras `web` and `experts` are installed."""
     check_extra(what)
-    checks.installed(PACKAGES["experts"], what, "experts")
+    checks.installed(EXTRA_PACKAGES["experts"], what, "experts")
 
 
 def _carry_out(page: Page, person: Any, *, wait: float) -> None:

@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, files
+from kitchen_suite.names import EXTRA_PACKAGES
 
 if TYPE_CHECKING:
     from kitchen_suite.policies.stored import StoredPolicy
@@ -46,9 +47,6 @@ PolicyBuilder = Callable[..., Policy]
 # What a policy is called with.
 TIMESTEP = "timestep"  # Of the suite's own environment.
 OBSERVATION = "observation"  # Of the Gymnasium environment.
-
-# Packages that extras install, of those that policies need.
-PACKAGES = {"experts": ("daqp", "mink"), "remote": ("msgpack", "websockets")}
 
 _ADDRESS = re.compile(r"wss?://\S+")  # A policy on a server, by its address alone.
 _OF_GYMNASIUM = re.compile(r"gym:(?P<name>[^:]+:.+)")  # A policy that takes the Gymnasium environment's observation.
@@ -66,7 +64,7 @@ class PolicySource(abc.ABC):
 
     Attributes:
       takes_options: whether the name may have options, such as `expert(speed=0.8)`.
-      extra: a key of `PACKAGES`, the extra that it needs, if any.
+      extra: a key of `EXTRA_PACKAGES`, the extra that it needs, if any.
       privileged: whether its policies see observations that the `obs_type` of the environment leaves out.
       player: entry point of the function that lets each episode be played before it is stepped, called with its
         `rollouts.spec.EpisodeSpec`; None for policies that act by themselves.
@@ -354,7 +352,7 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
     except ValueError as error:
         raise ValueError(f"{error}, or name one of your own as module:callable or gym:module:callable") from error
     if source.extra:
-        checks.installed(PACKAGES[source.extra], f"policy {checks.shown(name)}", source.extra)
+        checks.installed(EXTRA_PACKAGES[source.extra], f"policy {checks.shown(name)}", source.extra)
     if options and not source.takes_options:
         others = " and ".join(other for other, each in POLICIES.items() if each.takes_options)
         raise ValueError(f"policy {key!r} takes no options, got {checks.shown(name)}; {others} do")

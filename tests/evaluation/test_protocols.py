@@ -396,6 +396,7 @@ def test_settings_are_the_protocols_by_default():
     assert replaced == {
         "task_name",
         "control_mode",
+        "control_timestep",
         "variations",
         "variation_split",
         "seed",

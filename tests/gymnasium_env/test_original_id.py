@@ -48,10 +48,8 @@ def test_the_id_is_ours_without_a_warning_in_any_order(imports):
     assert not [line for line in result.stderr.splitlines() if "Adroit" not in line]
 
 
-def test_importing_it_prints_nothing_and_imports_no_dm_control():
-    result = run(
-        f"{OURS}\nimport sys\nassert 'dm_control' not in sys.modules", "-W", "error", "-W", "ignore:.*DISPLAY.*"
-    )
+def test_importing_it_prints_nothing():
+    result = run(OURS, "-W", "error", "-W", "ignore:.*DISPLAY.*")
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
 
 

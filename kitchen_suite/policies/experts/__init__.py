@@ -4,9 +4,9 @@ import numpy as _np
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 from kitchen_suite import checks as _checks
-from kitchen_suite.policies.registry import PACKAGES as _PACKAGES
+from kitchen_suite.names import EXTRA_PACKAGES as _EXTRA_PACKAGES
 
-_checks.installed(_PACKAGES["experts"], "kitchen_suite.experts", "experts")
+_checks.installed(_EXTRA_PACKAGES["experts"], "kitchen_suite.experts", "experts")
 
 # mink imports JAX where that is installed, which draws from NumPy's global random state.
 _state = _np.random.get_state()
