@@ -122,7 +122,7 @@ def map_arrays(function: Callable[..., Any], *nested: Any) -> Any:
 
 
 class Acting(NamedTuple):
-    """What acts on the physics during a control step.
+    """Action, targets and controls of a control step.
 
     Attributes:
       action: `(..., k)`.
@@ -185,7 +185,9 @@ class Stepper:
           reading: values of the task's sensors.
           draws: `(..., noise_draws)`, from U(-1, 1).
         """
-        mdp, measured, terminations = self.mdp, state.measured, state.terminations
+        mdp = self.mdp
+        measured = state.measured
+        terminations = state.terminations
         step = mdp.transition(
             state.mdp_state, action=acting.action, target=acting.target, reading=reading, draws=state.scaled(draws)
         )

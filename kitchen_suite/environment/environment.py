@@ -198,7 +198,7 @@ class UnbufferedUpdater(observation.Updater):
 
 
 class Origin(NamedTuple):
-    """What an environment was built from, of which copies are built.
+    """The function and arguments that built an environment, and build its copies.
 
     Attributes:
       build: `Domain.load` of its domain.

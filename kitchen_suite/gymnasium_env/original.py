@@ -231,7 +231,7 @@ class Explained:
 
 
 class RobotEnv(Explained):
-    """What `robot_env` of the original offers programs, over the physics of the suite's environment.
+    """The attributes and methods of the original's `robot_env`, over the physics of the suite's environment.
 
     Attributes:
       init_qpos: `(30,)`, positions of all joints at the next resets, in the order of `data.qpos` [rad, m, quaternion].

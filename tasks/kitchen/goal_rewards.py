@@ -67,7 +67,7 @@ def reward(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) -> Arr
 
 
 class RelabelledStep(NamedTuple):
-    """What terms of goals read of a step, for goals that may be others than its episode's; see `KitchenTransition`."""
+    """The parts of a step that terms of goals read, for goals other than its episode's; see `KitchenTransition`."""
 
     completions: NDArray[np.bool_] | None = None
     shares: Shares | None = None

@@ -1,4 +1,4 @@
-"""What a user's task adds acts alike in dm_env, single and vectorised environments of every domain, or is refused."""
+"""Custom tasks act alike in dm_env, single and vectorised environments of every domain, or are refused."""
 
 import contextlib
 import copy
@@ -11,6 +11,7 @@ from dm_control import composer, mjcf
 from dm_control.composer.variation import distributions, noises
 from dm_control.entities.props.primitive import Primitive
 from helpers.errors import refused
+from helpers.sweeps import brief
 
 from kitchen_suite import entities, suite, tasks
 from kitchen_suite.gymnasium_env.base import SuiteEnv
@@ -162,8 +163,12 @@ def test_a_copy_continues_with_the_noise_of_the_last_observation(domain):
             assert found[1] == reward
 
 
-@pytest.mark.parametrize("domain", DOMAINS)
-@pytest.mark.parametrize("group", range(6))
+MASSES = [(domain, group) for domain in DOMAINS for group in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("domain", "group"), brief(MASSES, kept=[(domain, 0) for domain in DOMAINS], thorough=[*MASSES[1:6], *MASSES[7:12]])
+)
 def test_anything_attached_has_the_mass_that_it_has_alone(domain, group):
     build, _, place = DOMAINS[domain]
     alone = Primitive(geom_type="box", size=(0.02, 0.03, 0.04), name="box", group=group)
@@ -258,8 +263,10 @@ class ObservedProp(Primitive):
         return observables
 
 
-@pytest.mark.parametrize("domain", DOMAINS)
-@pytest.mark.parametrize(("prop", "word"), [(HookedProp, "after_step"), (ObservedProp, "position")])
+ENTITIES = [(domain, *case) for domain in DOMAINS for case in ((HookedProp, "after_step"), (ObservedProp, "position"))]
+
+
+@pytest.mark.parametrize(("domain", "prop", "word"), brief(ENTITIES, kept=ENTITIES[:2], thorough=ENTITIES[2:]))
 def test_entities_that_a_batch_would_ignore_are_refused_in_vectors_and_at_registration(domain, prop, word):
     _, base, place = DOMAINS[domain]
 
@@ -344,9 +351,15 @@ def test_an_edit_of_the_mjcf_is_refused_by_vectors(domain):
         envs.reset()
 
 
-@pytest.mark.parametrize("domain", DOMAINS)
-@pytest.mark.parametrize("edit", ["opt.gravity", "geom_friction", "body_mass"])
-@pytest.mark.parametrize("when", ["before the first reset", "between episodes"])
+EDITS = [
+    (domain, edit, when)
+    for domain in DOMAINS
+    for edit in ("opt.gravity", "geom_friction", "body_mass")
+    for when in ("between episodes", "before the first reset")
+]
+
+
+@pytest.mark.parametrize(("domain", "edit", "when"), brief(EDITS, kept=[EDITS[0], EDITS[-1]], thorough=EDITS[1:-1]))
 def test_an_edit_of_the_compiled_model_acts_in_single_and_vectorised_environments(domain, edit, when):
     def change(environment):
         model = environment.physics.model
