@@ -2,12 +2,15 @@
 
 import gymnasium
 import numpy as np
-from dm_control.composer.variation import distributions, noises
-from dm_control.entities.props.primitive import Primitive
 
 from kitchen_suite import suite
 from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.tasks import KitchenTask, Observation
+
+# isort: split
+# After the suite: imported first, dm_control would look for a display.
+from dm_control.composer.variation import distributions, noises
+from dm_control.entities.props.primitive import Primitive
 
 PLACE = (-0.65, -0.35, 1.651)  # Of the mug on the counter, on the robot's left [m].
 

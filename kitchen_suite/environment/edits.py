@@ -8,8 +8,9 @@ import numpy as np
 from dm_control import mjcf
 from mujoco.batch import MODEL_FIELDS
 
-# Fields that a simulation may have for itself, but for the addresses of names.
-_FIELDS = tuple(sorted(name for name in MODEL_FIELDS if not name.startswith("name")))
+# Fields that a simulation may have for itself, but for the addresses of names, and for what MuJoCo derives from the
+# others for its decision which objects sleep.
+_FIELDS = tuple(sorted(name for name in MODEL_FIELDS if not name.startswith("name") and name != "dof_length"))
 _OPTION = "opt."
 
 

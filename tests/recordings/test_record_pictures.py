@@ -101,7 +101,7 @@ import numpy as np
 
 def act(timestep):
     assert timestep.observation["overview"].shape == (40, 48, 3)
-    assert timestep.observation["object_positions"].shape == (21,)
+    assert "object_positions" not in timestep.observation
     return np.full(9, timestep.observation["overview"].mean() / 255)
 """
     (tmp_path / "my_pictures_policy.py").write_text(code)
