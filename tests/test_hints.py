@@ -1,4 +1,4 @@
-"""What a user probably meant is said: names in other spellings, forms that another flag takes, missing extras."""
+"""Errors name the likely intent: names in other spellings, forms that another flag takes, missing extras."""
 
 import importlib.metadata
 import json

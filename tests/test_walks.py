@@ -1,4 +1,4 @@
-"""What a reader of the suite walks through is counted rightly."""
+"""The files and functions that a call enters are counted in order."""
 
 import walks
 

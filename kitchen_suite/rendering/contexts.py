@@ -86,7 +86,7 @@ def new_context(width: int, height: int) -> Iterator[Context]:
 
 
 class _Resources:
-    """What a context holds. It is kept alive until it is freed, since MuJoCo and GL free what the collector finds."""
+    """The GL objects of a context, kept alive until they are freed: the collector would make GL calls for them."""
 
     def __init__(self, library: str, width: int, height: int) -> None:
         self._library = library

@@ -1,4 +1,4 @@
-"""What public programs do with `env.unwrapped` of FrankaKitchen-v1, here and in the original: the same numbers."""
+"""Public programs for `env.unwrapped` of FrankaKitchen-v1 compute the same numbers here as in the original."""
 
 import copy
 import pickle
@@ -20,7 +20,7 @@ ACTIONS = random_actions(np.random.default_rng(0), 40)
 
 
 def summary(step):
-    """What a step returns, without lists whose order the original leaves to chance."""
+    """Returns the results of a step, without lists whose order the original leaves to chance."""
     observation, reward, terminated, truncated, info = step
     return (
         observation["observation"],

@@ -21,7 +21,7 @@ def make(env_id=KITCHEN, **options):
 
 
 def play(env, length, **options):
-    """Returns what an episode returns, of a reset and of so many steps of the same actions."""
+    """Returns the results of a reset and of a number of steps with the same actions."""
     results = [env.reset(**options)]
     results += [env.step(np.full(env.action_space.shape, 0.01)) for _ in range(length)]
     return results

@@ -1,4 +1,4 @@
-"""What policies are given: the observations that the `obs_type` shows, and the task's sentence."""
+"""Policies get the observations that the `obs_type` shows, and the sentence of the task."""
 
 import itertools
 import json
