@@ -492,7 +492,7 @@ class TrainSettings(TaskSettings):
     """
 
     output: Path = output_flag()
-    algorithm: str = flag("ppo; bc, flow, vqbet; offline_bc, iql, idql, td3bc, gcbc or gciql.", PPO)
+    algorithm: str = flag("ppo; bc, flow, vqbet; offline_bc, iql, idql, td3bc, gcbc or gciql.", PPO, choices=ALGORITHMS)
     training_kwargs: Mapping[str, Any] = flag(
         "Arguments of the environments trained in, not of those evaluated in, as a JSON object; they replace the "
         "domain's.",

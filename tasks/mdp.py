@@ -447,11 +447,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
 
     def rewarded(self, step: Transition) -> Any:
         """Returns the state after a step with the terms of its reward."""
-        return step.after._replace(terms=self.reward_terms(step))
-
-    def reward_terms(self, step: Transition) -> dict[str, Array]:
-        """Returns the terms `(...)` of a step's reward by name."""
-        return {name: term(step) for name, term in self.rewards.items()}
+        return step.after._replace(terms={name: term(step) for name, term in self.rewards.items()})
 
     def no_reward(self, axes: tuple[int, ...]) -> dict[str, Array]:
         """Returns the terms before the first step: zeros of the shape `axes`."""

@@ -557,7 +557,7 @@ class SuiteTask(composer.Task):
         if mode.reads_derived and not physics.legacy_step:
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
         draw = random_state.random_sample() if mode.draws else MEDIAN
-        self.episode, self._acting = self._stepper.act(self.episode, checked, draw)
+        self._acting = self._stepper.act(self.episode, checked, draw)
         self._simulation.write("ctrl", self.mdp.sensors.ctrl, self._acting.ctrl)
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
@@ -572,7 +572,8 @@ class SuiteTask(composer.Task):
         reading = mdp.sensors.read(self._simulation)
         draws = mdp.draw_noise(random_state)
         self._set_episode(self._stepper.observe(self.episode, self._acting, reading, draws), physics)
-        self._draw_noise_of_observations(random_state)
+        if self.observations.by_name:
+            self._draw_noise_of_observations(random_state)
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         return float(self.mdp.reward(self.state))

@@ -8,9 +8,11 @@ import numpy as np
 from dm_control import mjcf
 from mujoco.batch import MODEL_FIELDS
 
-# Fields that a simulation may have for itself, but for the addresses of names, and for what MuJoCo derives from the
-# others for its decision which objects sleep.
-_FIELDS = tuple(sorted(name for name in MODEL_FIELDS if not name.startswith("name") and name != "dof_length"))
+# What MuJoCo derives from other fields: for its decision which objects sleep, and the boxes around parts of meshes.
+_DERIVED = ("dof_length", "bvh_aabb")
+
+# Fields that a simulation may have for itself, but for the addresses of names and what is derived.
+_FIELDS = tuple(sorted(name for name in MODEL_FIELDS if not name.startswith("name") and name not in _DERIVED))
 _OPTION = "opt."
 
 
@@ -50,11 +52,16 @@ def _descendants(element: mjcf.Element) -> list[mjcf.Element]:
     return [element, *(each for child in element.all_children() for each in _descendants(child))]
 
 
+def _field(model: mujoco.MjModel, name: str) -> Any:
+    """Returns a field of a model: a view of its memory, or the number that an option is."""
+    if name.startswith(_OPTION):
+        return getattr(model.opt, name.removeprefix(_OPTION))
+    return getattr(model, name)
+
+
 def read_field(model: mujoco.MjModel, name: str) -> Any:
     """Returns a copy of a field of a model, such as `geom_friction` or `opt.gravity`."""
-    if name.startswith(_OPTION):
-        return np.array(getattr(model.opt, name.removeprefix(_OPTION)))
-    return np.array(getattr(model, name))
+    return np.array(_field(model, name))
 
 
 def write_field(model: mujoco.MjModel, name: str, value: Any) -> None:
@@ -73,13 +80,22 @@ class ModelSnapshot:
     def __init__(self, model: mujoco.MjModel) -> None:
         """Stores the fields of a model."""
         self._model = model
-        self._values = {name: read_field(model, name) for name in _FIELDS}
+        fields = {name: _field(model, name) for name in _FIELDS}
+        # They stay valid, and to ask for them takes most of the time of a comparison.
+        self._views = {name: value for name, value in fields.items() if isinstance(value, np.ndarray)}
+        self._numbers = [name for name in fields if name not in self._views]
+        self.update()
 
     def changed(self) -> list[str]:
         """Returns the names of the fields that have changed since the snapshot."""
-        present = ((name, read_field(self._model, name)) for name in _FIELDS)
-        return [name for name, value in present if value.tobytes() != self._values[name].tobytes()]
+        return [name for name, value in self._present_values().items() if value != self._values[name]]
 
     def update(self) -> None:
         """Takes the present fields as the snapshot."""
-        self._values = {name: read_field(self._model, name) for name in _FIELDS}
+        self._values = self._present_values()
+
+    def _present_values(self) -> dict[str, bytes | float]:
+        values: dict[str, bytes | float] = {name: view.tobytes() for name, view in self._views.items()}
+        for name in self._numbers:
+            values[name] = _field(self._model, name)
+        return values

@@ -153,8 +153,12 @@ class UnbufferedUpdater(observation.Updater):
     """composer's updater, which bypasses the buffers if no enabled observable needs one.
 
     It then reads each observable once per control step. Observations and the draws of corruptors are the same.
+
+    Attributes:
+      needs_each_step: whether an enabled observable is to be updated at some physics steps within a control step.
     """
 
+    needs_each_step = False
     _bypasses_buffers = False
 
     def reset(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
@@ -166,8 +170,12 @@ class UnbufferedUpdater(observation.Updater):
         super().reset(physics, random_state)
         for camera in cameras:
             camera.is_covered = False
-        self._bypasses_buffers = self._strip_singleton_buffer_dim and all(
-            is_unbuffered(part) and not part.aggregator for part in self._observables.values() if part.enabled
+        enabled = [part for part in self._observables.values() if part.enabled]
+        self.needs_each_step = not all(map(is_unbuffered, enabled))
+        self._bypasses_buffers = (
+            self._strip_singleton_buffer_dim
+            and not self.needs_each_step
+            and not any(part.aggregator for part in enabled)
         )
         self._readers = [
             (name, buffered.observation_callable, buffered.buffer.dtype)
@@ -513,15 +521,12 @@ class Environment(composer.Environment):
             ...  # the after_step hooks
             self._observation_updater.update()
 
-        Without substep hooks, of task, entities or user, and buffered observables only the last state matters. The loop
-        then runs once.
+        Without substep hooks, of entities or user, and buffered observables only the last state matters. The loop then
+        runs once. Tasks have no substep hooks; see `SuiteTask`.
         """
-        cls, hooks = type(self._task), (self._hooks._before_substep, self._hooks._after_substep)  # noqa: SLF001
-        needs_each = (
-            any(part.enabled and not is_unbuffered(part) for part in self._task.observables.values())
-            or cls.before_substep is not composer.Task.before_substep
-            or cls.after_substep is not composer.Task.after_substep
-            or any(hook.entity_hooks or hook.extra_hooks for hook in hooks)
+        hooks = (self._hooks._before_substep, self._hooks._after_substep)  # noqa: SLF001
+        needs_each = self._observation_updater.needs_each_step or any(
+            hook.entity_hooks or hook.extra_hooks for hook in hooks
         )
         self._steps_per_call = 1 if needs_each else self._physics_steps
         self._n_sub_steps = self._physics_steps // self._steps_per_call

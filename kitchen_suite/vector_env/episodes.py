@@ -136,12 +136,14 @@ class BatchEpisodes:
                     "template_env.environment.physics.model instead"
                 )
             model = environment.physics.model.ptr
-            for name in self._unknown_changes(snapshot):
+            edited = self._unknown_changes(snapshot)
+            for name in edited:
                 values = self.batch.expand(name)
                 for i, each in enumerate(self._environments):
                     if each is environment:
                         values[i] = read_field(model, name)
-            snapshot.update()
+            if edited:
+                snapshot.update()
 
     def check_written_fields(self) -> None:
         """Raises a RuntimeError if resets have written fields of a model that they did not write at the first reset."""
@@ -220,7 +222,7 @@ class BatchEpisodes:
           Rewards, terminations, and which simulations diverged, each `(n,)`; 0 and False where not `stepping`.
         """
         mdp, everyone = self._mdp, bool(stepping.all())
-        acted, acting = self._stepper.act(self.state, actions, self._draw_actions(stepping))
+        acting = self._stepper.act(self.state, actions, self._draw_actions(stepping))
         self._simulation.write("ctrl", mdp.sensors.ctrl, acting.ctrl)
         self.batch.step(None if everyone else stepping, self._physics_steps, self._stage)
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
@@ -228,7 +230,7 @@ class BatchEpisodes:
         self._draw_noise(alive)
         if self._extras:
             self._extra_values = self._extras.read(self._simulation)
-        after = self._stepper.observe(acted, acting, self._sensors.read(self._simulation), self._draws)
+        after = self._stepper.observe(self.state, acting, self._sensors.read(self._simulation), self._draws)
         self._draw_noise_of_observations(after, alive)
         self.state = after if everyone else after.persisting(mdp.persistent, self.state.mdp_state, ~alive)
         self.steps += stepping

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,21 +56,19 @@ class OpenCabinetTransition(Transition):
 
     Attributes:
       features: after the step.
+      handle_radius: radius of the bar of the cabinet's handles [m].
     """
 
     before: OpenCabinetState
     after: OpenCabinetState
 
-    def __init__(self, features: Features, handle_radius: float, *parts: Any) -> None:
-        """Stores the features after the step, the radius of the handle's bar [m], and the parts of a `Transition`."""
-        super().__init__(*parts)
-        self.features = features
-        self._handle_radius = handle_radius
+    features: Features
+    handle_radius: float
 
     @functools.cached_property
     def grip(self) -> Grip:
         """Pose of the bar relative to the finger pads after the step."""
-        return grip(self.features, self._handle_radius)
+        return grip(self.features, self.handle_radius)
 
     @property
     def gripper(self) -> Array:
@@ -132,7 +130,10 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
             succeeded=state.succeeded | succeeds(view.drawer_position),
             total_steps=state.total_steps + 1,
         )
-        return OpenCabinetTransition(view, self.handle_radius, state, action, target, after)
+        step = OpenCabinetTransition(state, action, target, after)
+        step.features = view
+        step.handle_radius = self.handle_radius
+        return step
 
     def observation(self, simulation: Simulation, state: OpenCabinetState) -> NDArray[np.float32]:
         return clipped(state.observation + state.noise if self.is_noisy else state.observation)
