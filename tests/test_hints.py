@@ -13,7 +13,6 @@ import pytest
 from helpers.errors import refused
 from packaging.requirements import Requirement
 
-import kitchen_suite
 from kitchen_suite import checks, policies, suite
 from kitchen_suite.cli.command import settings_of
 from kitchen_suite.cli.commands import COMMANDS, evaluate, record, rollout, train
@@ -25,6 +24,8 @@ from kitchen_suite.policies.trained import SHIPPED
 from kitchen_suite.recordings.formats import FORMATS
 from kitchen_suite.settings import ALGORITHMS
 from kitchen_suite.tasks import GOALS
+
+ROOT = Path(__file__).resolve().parent.parent
 
 ENVIRONMENTS = {domain: suite.find_domain(domain).resolve("env") for domain in suite.DOMAINS}
 
@@ -199,18 +200,32 @@ def pip_requirement(extra="video"):
     return requirement, options
 
 
-def test_in_the_checkout_the_command_installs_its_folder(monkeypatch):
-    root = Path(kitchen_suite.__file__).parent.parent
-    monkeypatch.chdir(root)
+def record_source(monkeypatch, folder, source):
+    """Puts what pip records of an installed suite, and of the `source` it came from, in front of the real record."""
+    record = folder / "kitchen_suite-9.9.dist-info"
+    record.mkdir()
+    record.joinpath("METADATA").write_text("Metadata-Version: 2.1\nName: kitchen-suite\nVersion: 9.9\n")
+    if source:
+        record.joinpath("direct_url.json").write_text(json.dumps(source))
+    monkeypatch.syspath_prepend(str(folder))
+    assert importlib.metadata.version("kitchen-suite") == "9.9"
+
+
+@pytest.mark.parametrize("editable", [False, True])
+def test_in_the_checkout_the_command_installs_its_folder(monkeypatch, tmp_path, editable):
+    record_source(monkeypatch, tmp_path, {"url": ROOT.as_uri(), "dir_info": {"editable": editable}})
+    monkeypatch.chdir(ROOT)
     assert pip_requirement() == (".[video]", [])
 
 
-def test_elsewhere_the_command_installs_the_same_folder(folder):
+@pytest.mark.parametrize("editable", [False, True])
+def test_elsewhere_the_command_installs_the_same_folder(monkeypatch, tmp_path, folder, editable):
+    record_source(monkeypatch, tmp_path, {"url": ROOT.as_uri(), "dir_info": {"editable": editable}})
     requirement, options = pip_requirement()
     path, extra = requirement[:-1].split("[")
-    assert (Path(path) / "setup.cfg").is_file()
+    assert Path(path) == ROOT
     assert extra == "video"
-    assert options == ["-e"]
+    assert options == ["-e"] * editable
 
 
 SOURCES = [
@@ -226,16 +241,9 @@ SOURCES = [
 
 @pytest.mark.parametrize(("source", "requirement"), SOURCES)
 def test_an_installed_suite_names_where_it_came_from(monkeypatch, tmp_path, source, requirement):
-    # As pip records it, in front of the one that is installed.
-    record_of_pip = tmp_path / "kitchen_suite-9.9.dist-info"
-    record_of_pip.mkdir()
-    record_of_pip.joinpath("METADATA").write_text("Metadata-Version: 2.1\nName: kitchen-suite\nVersion: 9.9\n")
-    if source:
-        record_of_pip.joinpath("direct_url.json").write_text(json.dumps(source))
-    else:  # The code is in site-packages, not in a checkout.
+    record_source(monkeypatch, tmp_path, source)
+    if not source:  # The code is in site-packages, not in a checkout.
         monkeypatch.setattr(checks, "__file__", str(tmp_path / "kitchen_suite" / "checks.py"))
-    monkeypatch.syspath_prepend(str(tmp_path))
-    assert importlib.metadata.version("kitchen-suite") == "9.9"
     found, options = pip_requirement()
     assert (found, options) == (requirement, [])
     if not requirement.startswith("/"):

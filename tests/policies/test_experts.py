@@ -279,7 +279,7 @@ def test_the_command_line_knows_the_expert(capsys):
 
 
 def test_without_the_extra_one_line_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setitem(registry.PACKAGES, "experts", ("daqp", "mink_that_is_not_there"))
+    monkeypatch.setitem(registry.EXTRA_PACKAGES, "experts", ("daqp", "mink_that_is_not_there"))
     assert rollout.main(["--policy=expert", "--num_episodes=1"]) == 2
     install = checks.install_command("experts")
     assert capsys.readouterr().err == f"kitchen-rollout: policy 'expert' needs mink_that_is_not_there: {install}\n"
