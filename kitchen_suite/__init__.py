@@ -9,19 +9,23 @@
 - `policies`, `experts`: policies by name; scripted experts, which need the extra `experts`
 """
 
-import pathlib as _pathlib
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+
+from kitchen_suite import lazy as _lazy
+from kitchen_suite.suite import load as load
+
+if _TYPE_CHECKING:
+    from kitchen_suite import entities as entities
+    from kitchen_suite import environment as environment
+    from kitchen_suite import experts as experts
+    from kitchen_suite import gymnasium_env as gymnasium_env
+    from kitchen_suite import policies as policies
+    from kitchen_suite import suite as suite
+    from kitchen_suite import tasks as tasks
+    from kitchen_suite import vector_env as vector_env
 
 __version__ = "0.1.0"
 __all__ = ["entities", "environment", "gymnasium_env", "load", "policies", "suite", "tasks", "vector_env"]
-
-# An installed copy contains `entities` and `tasks`. In a checkout they stand beside this folder, in which case their
-# parent folder is added to where subpackages are searched for.
-_parent = _pathlib.Path(__file__).resolve().parent.parent
-if (_parent / "setup.cfg").is_file():
-    __path__.append(str(_parent))
-
-from kitchen_suite import lazy as _lazy  # noqa: E402
-from kitchen_suite.suite import load as load  # noqa: E402
 
 __getattr__, __dir__ = _lazy.attributes(
     __name__,

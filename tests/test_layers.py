@@ -33,12 +33,11 @@ ORDER = (
 )
 GROUND = ("", "checks", "files", "lazy", "names", "versions")
 BESIDE = {"workers": ("rendering",), "rendering": ()}
-# For users: `kitchen_suite.experts`, `kitchen_suite.load`, `python -m kitchen_suite` and the console scripts.
+# For users: `kitchen_suite.experts`, `kitchen_suite.load` and `python -m kitchen_suite`.
 ALIASES = {
     "experts": ("policies",),
     "": ("suite",),
     "__main__": ("cli",),
-    "console": ("cli",),
     "original": ("suite", "rendering"),
 }
 
@@ -59,6 +58,7 @@ HOMES = {
 
 def modules():
     """All modules of the package by dotted name below `kitchen_suite`, with their syntax trees."""
+    # Links are not followed.
     files = {path: path.relative_to(ROOT / "kitchen_suite") for path in (ROOT / "kitchen_suite").rglob("*.py")}
     files |= {
         path: path.relative_to(ROOT) for folder in ("entities", "tasks") for path in (ROOT / folder).rglob("*.py")
@@ -89,9 +89,15 @@ def imported_names(tree):
 
 
 def dependencies(module):
-    """Modules of the suite that a module imports."""
+    """Modules of the suite that a module imports.
+
+    What the package itself names for type checkers alone is imported when it is first used.
+    """
+    tree = MODULES[module]
+    if not module:
+        tree = ast.Module([node for node in tree.body if not isinstance(node, ast.If)], [])
     found = set()
-    for name in imported_names(MODULES[module]):
+    for name in imported_names(tree):
         top, _, inner = name.partition(".")
         if top == "kitchen_suite":
             while inner not in MODULES:

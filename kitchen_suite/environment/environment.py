@@ -334,6 +334,17 @@ class Environment(composer.Environment):
         return f"{type(self).__name__}({self._task!r}, control_timestep={timestep:g}, step_limit={self._step_limit})"
 
     @property
+    def task(self) -> SuiteTask:
+        task: SuiteTask = self._task
+        return task
+
+    @property
+    def physics(self) -> Physics:
+        """The compiled scene, through a weak reference, as composer has it."""
+        physics: Physics = self._physics_proxy
+        return physics
+
+    @property
     def random_state(self) -> np.random.RandomState:
         """The random state that the environment draws from; can be replaced at any time.
 

@@ -3,7 +3,6 @@
 # ruff: noqa: RUF009, each call makes a field of its own
 
 import dataclasses
-import importlib.metadata
 import os
 import re
 import shlex
@@ -212,23 +211,6 @@ INTERRUPTS = {
 def test_a_signal_interrupts(place):
     run, setup, progress = INTERRUPTS[place]
     assert run_process(run, setup) == (130, "", f"kitchen-test: interrupted{progress}\n")
-
-
-def test_a_signal_interrupts_the_imports_before_a_command_begins(tmp_path):
-    # The console scripts import the suite, which imports gymnasium early; libraries may drop exceptions meanwhile.
-    code = f"import contextlib, os\nwith contextlib.suppress(BaseException):\n    {KILL}\nos._exit(3)"
-    tmp_path.joinpath("gymnasium.py").write_text(code)
-    scripts = importlib.metadata.entry_points(group="console_scripts", name="kitchen-rollout")
-    (module, attribute) = next(iter(scripts)).value.split(":")
-    start = f"import sys; from {module} import {attribute}; sys.exit({attribute}())"
-    done = subprocess.run(
-        [sys.executable, "-c", start],
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "kitchen-rollout: interrupted\n")
 
 
 # Python notices a closed pipe when it flushes: during the job, or after it.
