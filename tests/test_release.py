@@ -133,7 +133,7 @@ def test_hooks_run_the_commands_of_the_checks():
     for command, arguments in (
         ("ruff check", " ."),
         ("ruff format", " --check ."),
-        ("mypy --config-file setup.cfg", ""),
+        ("mypy kitchen_suite", ""),
     ):
         assert command in hooks
         assert f"{command}{arguments}" in checks
