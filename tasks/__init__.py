@@ -10,7 +10,6 @@ from kitchen_suite.tasks.kitchens.task import KitchensTask
 from kitchen_suite.tasks.mdp import MDP, FeatureSensors, Simulation, Transition
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
-from kitchen_suite.tasks.open_cabinet.variations import Randomization
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 
@@ -26,7 +25,6 @@ __all__ = [
     "Observation",
     "OpenCabinetTask",
     "ParameterVariation",
-    "Randomization",
     "Simulation",
     "SuiteTask",
     "Transition",

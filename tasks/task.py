@@ -457,14 +457,10 @@ class SuiteTask(composer.Task):
         Raises a TypeError or a ValueError, with nothing changed, if it is damaged or of another task.
         """
         state = checks.matching(state, self.get_state(), "task state")
-        values = self.variations.randomizer.checked(self._values_in(state))
+        values = self.variations.randomizer.checked(state.get("variation_values", {}))
         self.restore_state(state)
         self.variations.restore(values, int(state.get("layout_refusals", 0)))
         self.episode = self.episode.with_memory(state)._replace(variation=self.variations.info)
-
-    def _values_in(self, state: Mapping[str, Any]) -> dict[str, Array]:
-        """Returns the values of all parameters in a state that `get_state` returned."""
-        return dict(state.get("variation_values", {}))
 
     def saved_state(self) -> dict[str, Any]:
         """Returns what `get_state` returns of the MDP's state, and what else the task keeps."""

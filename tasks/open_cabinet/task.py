@@ -9,7 +9,6 @@ from dm_control import mjcf
 
 from kitchen_suite import checks
 from kitchen_suite.entities import OpenCabinetScene
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
@@ -20,7 +19,7 @@ from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSenso
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, OpenCabinetMDP
 from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.reward import REWARDS
-from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization
+from kitchen_suite.tasks.open_cabinet.variations import VARIED
 from kitchen_suite.tasks.task import Highlighting, OpeningTask, PolicyInputs
 
 # Instructions by drawer; see `tasks.goals`.
@@ -71,7 +70,6 @@ class OpenCabinetTask(OpeningTask):
         drawer: str = "top",
         reward: str = "original",
         observation_noise: Mapping[str, float] | None = None,
-        randomization: Randomization | Mapping[str, Any] | str | None = None,
         control_mode: str = "joint_offset",
         **options: Any,
     ) -> None:
@@ -83,8 +81,6 @@ class OpenCabinetTask(OpeningTask):
           reward: `original`, or `grasp`, which pays for opening only while both pads hold the handle.
           observation_noise: half widths of the uniform noise by part of the observation, in the unit of the part; no
             noise when omitted.
-          randomization: parameters of the scene that a reset draws, as `Randomization.make` takes them; none when
-            omitted.
           control_mode: meaning of the action, one of `control_modes.modes.OFFSET_MODES`.
           **options: those of `SuiteTask`, and arguments of the control mode. `joint_offset` has `gripper`, by default
             `sampled`, which closes with the probability of the gripper logit, the action's last element;
@@ -100,8 +96,6 @@ class OpenCabinetTask(OpeningTask):
         action_mode = make_mode(control_mode, self.control_modes, control)
         (action_size,) = action_mode.spec(scene.robot).shape
         self._observables = OpenCabinetObservables(observation_noise)
-        randomized = Randomization.make(randomization).draws(scene, drawer)
-        self._randomized = {name: draw.parameter.name for name, draw in randomized.items()}
         mdp = OpenCabinetMDP(
             sensors=OpenCabinetSensors(scene, drawer),
             action_mode=action_mode,
@@ -112,7 +106,7 @@ class OpenCabinetTask(OpeningTask):
         )
         self.reward_name = reward
         super().__init__(scene, mdp, **observables)
-        self.vary(handles=[scene.cabinet.handle_site(drawer)], home=DEFAULT_POSE, first=[*randomized.values()])
+        self.vary(handles=[scene.cabinet.handle_site(drawer)], home=DEFAULT_POSE)
         self.observed = joined(self._observables.by_name, self.extra_observables)
         name = f"{drawer}_drawer" + ("" if reward == "original" else f"_{reward}")
         self.policy_inputs = PolicyInputs(names=(name,), state_size=observation.SIZE + self.extra_size)
@@ -170,12 +164,7 @@ class OpenCabinetTask(OpeningTask):
             "terms": self.reward_terms,
             "noise": state.noise.copy(),
             "features": Features(state.features).arrays(),
-            "randomization": {name: self.variations.randomizer.values[full] for name, full in self._randomized.items()},
         }
-
-    def _values_in(self, state: Mapping[str, Any]) -> dict[str, Array]:
-        randomized = {full: state["randomization"][name] for name, full in self._randomized.items()}
-        return {**randomized, **super()._values_in(state)}
 
     def restore_state(self, state: Mapping[str, Any]) -> None:
         total_steps = checks.integer(state["total_steps"].item(), "total_steps", minimum=0)

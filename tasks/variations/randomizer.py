@@ -37,13 +37,11 @@ class Draw:
     Attributes:
       parameter: of the scene or the task.
       variation: a composer variation, a constant, or a list of these for the elements of a vector.
-      label: name of the parameter in messages.
       bounds: least and greatest value; draws outside are moved to the nearest value within. None for no bounds.
     """
 
     parameter: Parameter
     variation: Variation
-    label: str
     bounds: tuple[Array, Array] | None = None
 
 
@@ -65,17 +63,12 @@ class Randomizer:
           physics: the compiled scene, with the values of the built one.
           draws: of the parameters, in the order in which they are drawn; none occurs twice.
         """
-        self._draws: dict[str, Draw] = {}
-        for draw in draws:
-            name = draw.parameter.name
-            if name in self._draws:
-                raise ValueError(f"{name} varies twice: by {self._draws[name].label} and {draw.label}")
-            self._draws[name] = draw
+        self._draws = {draw.parameter.name: draw for draw in draws}
         self._parameters = {name: draw.parameter for name, draw in self._draws.items()}
         self._fitting = {
             name
             for name, draw in self._draws.items()
-            if distributions.draws_fit(draw.variation, draw.parameter.type, draw.label)
+            if distributions.draws_fit(draw.variation, draw.parameter.type, f"variation's {name}")
         }
         self._physics, model = physics, physics.model.ptr
         is_derived = any(parameter.type.derived for parameter in self._parameters.values())
@@ -119,7 +112,7 @@ class Randomizer:
     def checked(self, values: Mapping[str, NDArray]) -> Values:
         """Returns values of parameters that `set` accepts; raises as `draw`."""
         return {
-            name: self._parameters[name].type.checked(value, self._draws[name].label) for name, value in values.items()
+            name: self._parameters[name].type.checked(value, f"variation's {name}") for name, value in values.items()
         }
 
     def set(self, values: Mapping[str, Array]) -> None:

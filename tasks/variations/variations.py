@@ -71,7 +71,6 @@ class Variations:
         parameters: Sequence[Parameter],
         home: Array | None = None,
         correct: Callable[[Values], Values] = lambda values: values,
-        first: Sequence[Draw] = (),
     ) -> None:
         """Selects the parameters that vary, and their distributions.
 
@@ -88,7 +87,6 @@ class Variations:
             omitted.
           correct: returns values that suit the task, given the physics with the current ones; the same object if they
             do.
-          first: parameters that are drawn and set before these, whatever varies.
         """
         self.split = checks.choice(split, SPLITS, "variation_split")
         if not isinstance(variations, str | Sequence | Mapping | None):
@@ -97,7 +95,6 @@ class Variations:
             )
         self._scene, self._home, self._correct = scene, home, correct
         self._request, self._refusals, self._checked_model = VariationRequest(), 0, None
-        self._first = tuple(first)
         offered = {parameter.name: parameter for parameter in (*scene.parameters, *parameters)}
         rows = {row.name: row for row in table if row.name in offered}
         self._given = _parsed(variations, rows, offered) if isinstance(variations, Mapping) else {}
@@ -114,7 +111,7 @@ class Variations:
     def bind(self, physics: mjcf.Physics) -> None:
         """Reads the default values from a compiled scene, which must have those of the built one.
 
-        Raises a TypeError or a ValueError if a parameter varies twice, or does not take its constant.
+        Raises a TypeError or a ValueError if a parameter does not take its constant.
         """
         self._physics = physics
         defaults = {name: parameter.get(physics) for name, parameter in self._parameters.items()}
@@ -124,13 +121,12 @@ class Variations:
             Draw(
                 parameter=self._parameters[name],
                 variation=self._given.get(name, row.distribution(self.split)),
-                label=f"variation's {name}",
                 # Groups draw within the ranges anyway.
                 bounds=self.ranges[name] if self._given else None,
             )
             for name, row in self.by_name.items()
         ]
-        self.randomizer = Randomizer(physics, (*self._first, *draws))
+        self.randomizer = Randomizer(physics, draws)
         constants = {name: each for name, each in self._given.items() if distributions.is_constant(each)}
         self._check_ranges(self.randomizer.checked(constants))
 

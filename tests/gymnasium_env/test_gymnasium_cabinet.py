@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from helpers.errors import refused
+from helpers.open_cabinet import VARIED
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID, FrankaOpenCabinetEnv
 from kitchen_suite.tasks.open_cabinet.reward import TERMS
-from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 
 
 def actions(steps, seed=0):
@@ -83,7 +83,7 @@ def test_the_step_counter_survives_resets_and_is_part_of_the_state():
 
 
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-@pytest.mark.parametrize("arguments", [{}, {"randomization": MODERATE, "observation_noise": {"handle_offset": 0.01}}])
+@pytest.mark.parametrize("arguments", [{}, {"variations": VARIED, "observation_noise": {"handle_offset": 0.01}}])
 def test_a_copy_goes_on_where_the_original_stands(duplicate, arguments):
     env = gymnasium.make(OPEN_CABINET_ID, **arguments)
     env.reset(seed=2**40)
@@ -109,7 +109,7 @@ def test_an_action_limit_bounds_the_space_and_clips():
         ({"gripper": "lucky"}, ValueError, ["'lucky'"]),
         ({"action_limit": 0}, ValueError, ["action_limit"]),
         ({"action_limit": "much"}, TypeError, ["action_limit"]),
-        ({"randomization": 3}, TypeError, ["randomization"]),
+        ({"variations": 3}, TypeError, ["variations"]),
         ({"tasks_to_complete": ["kettle"]}, TypeError, ["tasks_to_complete"]),
     ],
 )

@@ -205,16 +205,6 @@ def test_an_option_names_what_varies_in_one_episode(envs):
     assert_same(env.reset(seed=6)[1]["variation_values"], drawn)
 
 
-def test_the_option_leaves_the_cabinets_randomization_as_it_is():
-    env = make("open_cabinet", ["start"], randomization="moderate")
-    drawn = []
-    for options in (None, {"variation": []}, {"variation": "cabinet/door_left"}):
-        env.reset(seed=1, options=options)
-        drawn.append(env.get_state()["task"]["randomization"])
-    assert drawn[0]["cabinet_yaw"] != 0
-    np.testing.assert_equal(drawn[1:], drawn[:1] * 2)
-
-
 @pytest.mark.parametrize(
     ("options", "error", "shown"),
     [

@@ -4,6 +4,7 @@ import types
 
 import mink
 import numpy as np
+from dm_control.composer.variation import distributions
 from scipy.spatial.transform import Rotation
 
 from kitchen_suite import experts
@@ -14,6 +15,15 @@ from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointT
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.open_cabinet import reward
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
+
+# Variations of the cabinet and the pads about their default values, for tasks of the top drawer [m, rad, N, N s/m, 1].
+VARIED = {
+    "cabinet/offset": distributions.Uniform((-0.03, -0.05, 0.0), (0.03, 0.05, 0.0)),
+    "cabinet/yaw": distributions.Uniform(-0.1, 0.1),
+    "cabinet/drawer_top_friction": distributions.Uniform(2.5, 4.0),
+    "cabinet/drawer_top_damping": distributions.Uniform(10.0, 20.0),
+    "franka/pad_friction": distributions.Uniform(1.2, 1.8),
+}
 
 # Gripper logit at which the gripper opens almost surely.
 OPEN = -50.0

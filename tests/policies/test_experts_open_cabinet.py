@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from helpers.episodes import play
+from helpers.open_cabinet import VARIED
 from helpers.sweeps import brief, brief_named
 
 from kitchen_suite import experts, policies, suite
 from kitchen_suite.gymnasium_env import FrankaOpenCabinetEnv
-from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 
 DRAWERS = ("top", "bottom")
 STYLES = {
@@ -79,7 +79,7 @@ def test_a_seed_fixes_all_actions_at_the_cabinet():
 def test_a_displaced_handle_is_found_under_observation_noise(seed):
     env = load(
         observation_noise={"handle_offset": 0.01, "handle_orientation_offset": 0.02},
-        randomization=MODERATE,
+        variations=VARIED,
     )
     assert opening(env, experts.make(env.task), seed)[0] >= 0.3
 

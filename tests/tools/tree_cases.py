@@ -90,13 +90,12 @@ SETTINGS: dict[str, dict[str, dict[str, Any]]] = {
         "deterministic gripper": {"gripper": "deterministic"},
         "grasp reward": {"reward": "grasp"},
         "noise": {"observation_noise": {"joint_positions": 0.01, "handle_offset": 0.02, "drawer_velocity": 0.1}},
-        "moderate randomization": {"randomization": "moderate"},
-        "own randomization": {
-            "randomization": {
-                "cabinet_offset": [{"normal": [0, 0.01]}, 0, 0],
-                "cabinet_yaw": {"uniform": [-0.1, 0.1]},
-                "drawer_friction": 2.0,
-                "pad_friction": {"choice": [0.8, 1.2]},
+        "constants and choices": {
+            "variations": {
+                "cabinet/offset": [{"normal": [0, 0.01]}, 0, 0],
+                "cabinet/yaw": {"uniform": [-0.1, 0.1]},
+                "cabinet/drawer_top_friction": 2.0,
+                "franka/pad_friction": {"choice": [1.1, 1.2]},
             }
         },
     },

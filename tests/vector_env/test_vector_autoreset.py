@@ -8,11 +8,11 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
 from helpers.errors import refused
+from helpers.open_cabinet import VARIED
 from helpers.original import random_actions
 from helpers.sweeps import brief
 
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
-from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
 COUNT, STEPS = 3, 34
@@ -34,8 +34,8 @@ KITCHENS = {
 CABINETS = {
     "plain": {},
     "noise": {"observation_noise": NOISE, "drawer": "bottom"},
-    "randomized": {"randomization": MODERATE},
-    "all drawn": {"randomization": MODERATE, "observation_noise": NOISE},
+    "varied": {"variations": VARIED},
+    "all drawn": {"variations": VARIED, "observation_noise": NOISE},
     "no draws": {"gripper": "deterministic", "action_limit": 3.0},
 }
 
@@ -148,7 +148,7 @@ def test_the_kitchen_is_gymnasiums_vector_of_single_ones(name, mode):
             *(("all drawn", mode) for mode in MODES),
             ("plain", "NextStep"),
             ("noise", "SameStep"),
-            ("randomized", "Disabled"),
+            ("varied", "Disabled"),
             ("no draws", "SameStep"),
         ],
         kept=[*(("all drawn", mode) for mode in MODES), ("no draws", "SameStep")],

@@ -5,6 +5,7 @@ import itertools
 import gymnasium
 import numpy as np
 import pytest
+from helpers.open_cabinet import VARIED
 from helpers.sweeps import CASES, brief, walk
 from test_vector_autoreset import COUNT, MODES, assert_equal_for_ever, many, pair
 
@@ -13,7 +14,7 @@ from kitchen_suite import suite
 STEPS = 24
 DRAWS = {
     "kitchen": {},
-    "open_cabinet": {"observation_noise": {"handle_offset": 0.01}, "randomization": "moderate"},
+    "open_cabinet": {"observation_noise": {"handle_offset": 0.01}, "variations": VARIED},
     "microwave_table": {},
     "kitchens": {},
 }

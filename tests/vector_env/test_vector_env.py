@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.wrappers.vector import DictInfoToList, FlattenObservation, NormalizeReward, RecordEpisodeStatistics
+from helpers.open_cabinet import VARIED
 from helpers.sweeps import brief
 
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
-from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
 CLASSES = {KITCHEN_ID: FrankaKitchenVectorEnv, OPEN_CABINET_ID: FrankaOpenCabinetVectorEnv}
 # Resets and steps that draw all there is to draw.
-DRAWN = {KITCHEN_ID: {}, OPEN_CABINET_ID: {"randomization": MODERATE, "observation_noise": {"handle_offset": 0.01}}}
+DRAWN = {KITCHEN_ID: {}, OPEN_CABINET_ID: {"variations": VARIED, "observation_noise": {"handle_offset": 0.01}}}
 EASY = {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [0.1]}}
 
 both = pytest.mark.parametrize("env_id", CLASSES)
@@ -52,10 +52,17 @@ def assert_is_part(many_results, i, single_results):
     single_observation, *single_numbers, single_info = single_results
     assert_same(part(observation, i), single_observation)
     assert [array[i] for array in numbers] == single_numbers
+    assert_info_is_part(info, i, single_info)
+
+
+def assert_info_is_part(info, i, single_info):
     assert {key for key in info if not key.startswith("_")} == single_info.keys()
     for key, value in single_info.items():
         assert info[f"_{key}"][i]
-        assert np.array_equal(info[key][i], value), key
+        if isinstance(value, dict):
+            assert_info_is_part(info[key], i, value)
+        else:
+            assert np.array_equal(info[key][i], value), key
 
 
 def assert_are_parts(env, singles, actions):
@@ -251,10 +258,14 @@ def test_what_was_returned_never_changes_and_writing_to_it_changes_nothing(env_i
     assert_same(kept, frozen)
 
 
-def spoil(value):
-    """Writes over all that there is to write over."""
-    if isinstance(value, dict | tuple | list):
-        for inner in [*value.values()] if isinstance(value, dict) else value:
+def spoil(value, *, of_variation=False):
+    """Writes over all that there is to write over; arrays of infos on the variation may be read-only."""
+    if isinstance(value, dict):
+        for key, inner in [*value.items()]:
+            spoil(inner, of_variation=of_variation or key.lstrip("_") in ("variation_values", "layout_refusals"))
+        value.clear()
+    elif isinstance(value, tuple | list):
+        for inner in value:
             spoil(inner)
         if not isinstance(value, tuple):
             value.clear()
@@ -262,7 +273,7 @@ def spoil(value):
         for inner in value:
             spoil(inner)
         value[:] = None
-    elif isinstance(value, np.ndarray):
+    elif isinstance(value, np.ndarray) and (value.flags.writeable or not of_variation):
         value[...] = 1 if value.dtype == bool else 99
 
 

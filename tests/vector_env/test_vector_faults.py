@@ -12,19 +12,19 @@ import pytest
 from dm_control.rl import control
 from gymnasium.utils.env_checker import data_equivalence
 from helpers.errors import refused
+from helpers.open_cabinet import VARIED
 from helpers.sweeps import brief
 from helpers.vectors import batch
 from mujoco.batch import SimulationError
 
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
-from kitchen_suite.tasks.open_cabinet.variations import MODERATE, Randomization
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
 pytestmark = pytest.mark.thorough
 
 SINGLES = {FrankaKitchenVectorEnv: FrankaKitchenEnv, FrankaOpenCabinetVectorEnv: FrankaOpenCabinetEnv}
 # Settings with which resets and steps of the cabinet draw random numbers.
-DRAWN = {FrankaKitchenVectorEnv: {}, FrankaOpenCabinetVectorEnv: {"randomization": MODERATE}}
+DRAWN = {FrankaKitchenVectorEnv: {}, FrankaOpenCabinetVectorEnv: {"variations": VARIED}}
 # Every third step starts episodes.
 SHORT = {"max_episode_steps": 3, "autoreset_mode": "SameStep"}
 
@@ -105,7 +105,7 @@ def assert_others_go_on_as(ours, twins):
     for i in (0, 2):
         assert_same(part(observation, i), part(twin_observation, i))
         assert [array[i] for array in numbers] == [array[i] for array in twin_numbers]
-        assert all(np.array_equal(info[key][i], twin_info[key][i]) for key in info)
+        assert_same(part(info, i), part(twin_info, i))
 
 
 @both
@@ -177,12 +177,12 @@ def test_after_an_interrupt_in_a_reset_only_a_reset_of_all_helps(path, options, 
 
 
 def test_after_a_draw_that_a_reset_refuses_only_a_reset_of_all_helps():
-    frictions = iter([3.0, 3.0, 3.0, 3.0, -1.0])
-    drawn = Randomization(drawer_friction=lambda *args, **kwargs: next(frictions, 3.0))
+    frictions = iter([3.0, 3.0, 3.0, 3.0, np.nan])
+    drawn = {"cabinet/drawer_top_friction": lambda *args, **kwargs: next(frictions, 3.0)}
     # The first draw is made while it is built.
-    env = FrankaOpenCabinetVectorEnv(3, num_threads=1, randomization=drawn)
+    env = FrankaOpenCabinetVectorEnv(3, num_threads=1, variations=drawn)
     env.reset(seed=0)
-    with refused(ValueError, "drawer_friction"):
+    with refused(ValueError, "cabinet/drawer_top_friction"):
         env.reset(options={"reset_mask": np.array([False, True, False])})
     with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
         env.step(actions_of(env))

@@ -6,9 +6,9 @@ import pytest
 import tree
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
+from helpers.open_cabinet import VARIED
 
 from kitchen_suite import suite
-from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 
 pytestmark = pytest.mark.thorough
 
@@ -23,7 +23,7 @@ TYPES = {
     "pixels_agent_pos": {"obs_type": "pixels_agent_pos", "extra_observables": EXTRAS, **PIXELS},
     "pixels and state": {"obs_type": "pixels_environment_state_agent_pos", "extra_observables": EXTRAS, **PIXELS},
 }
-DOMAINS = {"kitchen": {}, "open_cabinet": {"randomization": MODERATE}, "microwave_table": {}}
+DOMAINS = {"kitchen": {}, "open_cabinet": {"variations": VARIED}, "microwave_table": {}}
 COUNT, EPISODE = 3, 3
 # Every type, each domain with numbers and with pictures.
 IN_EVERY_RUN = {
@@ -72,14 +72,20 @@ def test_observations_equal_those_of_the_single_environments(domain, settings):
     assert observations in many.observation_space
     assert_rows(observations, [env.reset(seed=4 + i)[0] for i, env in enumerate(singles)])
     kept, copied = observations, row(observations, 0)
+    steps = [0] * COUNT
     for step in range(5):
         actions = np.random.default_rng(step).uniform(-0.5, 0.5, many.action_space.shape)
         observations, *_, infos = many.step(actions)
-        expected = [env.step(action)[0] for env, action in zip(singles, actions, strict=True)]
-        if step == EPISODE - 1:
-            for last, observation in zip(infos["final_obs"], expected, strict=True):
-                assert_same(last, observation)
-            expected = [env.reset()[0] for env in singles]
+        expected = []
+        for i, env in enumerate(singles):
+            observation, _, terminated, *_ = env.step(actions[i])
+            steps[i] += 1
+            # The fast motions of some starts terminate the cabinet's episodes before their limit.
+            if terminated or steps[i] == EPISODE:
+                assert_same(infos["final_obs"][i], observation)
+                observation, _ = env.reset()
+                steps[i] = 0
+            expected.append(observation)
         assert_rows(observations, expected)
     # Observations returned before stay as they were.
     assert_same(row(kept, 0), copied)

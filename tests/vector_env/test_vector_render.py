@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from helpers.errors import refused
+from helpers.open_cabinet import VARIED
 
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
-from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
 pytestmark = pytest.mark.thorough
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.thorough
 SMALL = {"width": 96, "height": 64}
 # Without visual geoms: for tests that do not look at the robot.
 BARE = {**SMALL, "visuals": False}
-DRAWN = {KITCHEN_ID: {}, OPEN_CABINET_ID: {"randomization": MODERATE}}
+DRAWN = {KITCHEN_ID: {}, OPEN_CABINET_ID: {"variations": VARIED}}
 
 
 def assert_same(one, other):

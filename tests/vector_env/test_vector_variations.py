@@ -131,7 +131,7 @@ def test_long_runs_are_gymnasiums_vector_of_single_ones(domain, mode, split):
     ("domain", "settings"),
     [
         ("kitchen", {"info_format": "arrays", "control_mode": "ee_delta_pose", "extra_observables": ["kettle/pose"]}),
-        ("open_cabinet", {"randomization": {"cabinet_yaw": {"uniform": [-0.1, 0.1]}}, "variations": "start,sensing"}),
+        ("open_cabinet", {"variations": {"cabinet/yaw": {"uniform": [-0.1, 0.1]}, "sensing/action_delay": 1.0}}),
         ("microwave_table", {"control_mode": "joint_position"}),
         ("microwave_table", {"variations": {"microwave/door": {"uniform": [-0.2, 0]}, "sensing/action_delay": 1.0}}),
     ],

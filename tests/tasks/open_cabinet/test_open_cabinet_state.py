@@ -6,7 +6,6 @@ from helpers import open_cabinet
 from helpers.errors import refused
 
 from kitchen_suite import suite
-from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 
 
 def load(task="top_drawer", **options):
@@ -31,9 +30,9 @@ def test_a_bad_state_is_refused_before_anything_changes(change, error):
     assert task.get_state()["terminates"] is False
 
 
-@pytest.mark.parametrize("randomization", [None, MODERATE])
-def test_an_environment_goes_on_from_anothers_state(randomization):
-    one, other = (load(random=seed, randomization=randomization) for seed in (1, 2))
+@pytest.mark.parametrize("variations", [None, open_cabinet.VARIED])
+def test_an_environment_goes_on_from_anothers_state(variations):
+    one, other = (load(random=seed, variations=variations) for seed in (1, 2))
     random = np.random.default_rng(0)
     actions = 0.05 * random.normal(size=(40, 8))
     for env in (one, other):
@@ -51,10 +50,10 @@ def test_an_environment_goes_on_from_anothers_state(randomization):
             np.testing.assert_array_equal(values, copy.observation[name])
 
 
-@pytest.mark.parametrize("randomization", [None, MODERATE])
-def test_a_grasped_and_moving_drawer_goes_on_from_anothers_state(randomization):
+@pytest.mark.parametrize("variations", [None, open_cabinet.VARIED])
+def test_a_grasped_and_moving_drawer_goes_on_from_anothers_state(variations):
     noise = {"handle_offset": 0.01}
-    one, other = (load(random=seed, randomization=randomization, observation_noise=noise) for seed in (3, 4))
+    one, other = (load(random=seed, variations=variations, observation_noise=noise) for seed in (3, 4))
     timestep, act = one.reset(), open_cabinet.opening_policy(one)
     other.reset()
     while one.task.drawer_opening <= 0.1:
@@ -84,12 +83,13 @@ def test_a_state_of_the_other_drawer_is_refused():
 
 
 def test_a_state_with_a_negative_friction_is_refused_before_anything_changes():
-    task = load(randomization=MODERATE).task
+    task = load(variations=open_cabinet.VARIED).task
     state = task.get_state()
-    state["randomization"]["drawer_friction"] = np.array(-1.0)
-    with refused(ValueError, "drawer_friction", "-1"):
+    state["variation_values"]["cabinet/drawer_top_friction"] = np.array(-1.0)
+    with refused(ValueError, "cabinet/drawer_top_friction", "-1"):
         task.set_state({**state, "total_steps": 5})
     assert task.total_steps == 0
+    assert task.get_state()["variation_values"]["cabinet/drawer_top_friction"] == 3.0
 
 
 @pytest.mark.filterwarnings("error")

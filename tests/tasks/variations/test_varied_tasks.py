@@ -426,21 +426,6 @@ def test_bad_requests_are_refused(names, values, error, shown):
         task.variations.request(names, values)
 
 
-def test_a_parameter_varies_once():
-    with pytest.raises(ValueError, match=r"varies twice: by randomization's .* and variation's "):
-        load("open_cabinet", variations="dynamics", randomization="moderate")
-
-
-def test_the_cabinets_randomization_is_as_before_beside_variations():
-    options = {"randomization": {"cabinet_yaw": {"uniform": [-0.1, 0.1]}}}
-    plain, varied = load("open_cabinet", **options), load("open_cabinet", **options, variations=["start"])
-    for environment in (plain, varied):
-        environment.reset()
-    states = [environment.get_state()["task"]["randomization"] for environment in (plain, varied)]
-    np.testing.assert_equal(*states)
-    assert "cabinet_yaw" not in varied.task.variations.values
-
-
 @pytest.mark.parametrize("split", ["seen", "held_out"])
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_draws_fill_their_range_and_are_independent(domain, split):
