@@ -21,7 +21,8 @@ from kitchen_suite.entities import cabinet, franka
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType, shared_value
 
-_MATERIAL, _GEOM = mujoco.mjtObj.mjOBJ_MATERIAL, mujoco.mjtObj.mjOBJ_GEOM
+_MATERIAL = mujoco.mjtObj.mjOBJ_MATERIAL
+_GEOM = mujoco.mjtObj.mjOBJ_GEOM
 
 _FOLDER = "kitchen_assets/textures"
 
@@ -222,7 +223,8 @@ _WALL_TEXTURES = (
     _picture("marble", "marble1", **_MATT),
     _picture("mosaic", "tile1", **_MATT),
 )
-_CONCRETE, _MARBLE = _picture("concrete", "metal1", **_SATIN), _picture("marble", "marble1", **_SATIN)
+_CONCRETE = _picture("concrete", "metal1", **_SATIN)
+_MARBLE = _picture("marble", "marble1", **_SATIN)
 _LAMINATE = _speckles("laminate", 0.2, 0.85, **_SATIN)
 _FRONT_TEXTURES = (_picture("wood", "wood1", **_SATIN), _CONCRETE, _LAMINATE, _MARBLE)
 

@@ -108,7 +108,9 @@ class CabinetConfig:
 
     def _requirements(self) -> Iterator[tuple[str, bool, str]]:
         """Yields parameter, whether its requirement is met, and the requirement, for all relations between sizes."""
-        (depth, width, height), (top, bottom), front = self.size, self.drawer_heights, self.drawer_front_height
+        depth, width, height = self.size
+        top, bottom = self.drawer_heights
+        front = self.drawer_front_height
         low, high = self.door_span
         worktop_z, half_width = height / 2 - self.worktop, width / 2 - DOOR_GAP
         yield "panel", 4 * self.panel < min(depth, width), f"be less than a quarter of depth {depth} and width {width}"
@@ -211,7 +213,9 @@ class Cabinet(Prop):
         asset.add("material", name="metal", rgba=(*COLORS["metal"], 1), specular=0.9, shininess=0.9, reflectance=0.1)
 
     def _add_carcass(self) -> None:
-        (depth, width, height), panel, worktop = self._config.size, self._config.panel, self._config.worktop
+        depth, width, height = self._config.size
+        panel = self._config.panel
+        worktop = self._config.worktop
         body = self._mjcf_root.worldbody.add("body", name="carcass")
         # The carcass is behind the fronts; the worktop covers the fronts as well.
         middle, half_depth = -panel / 2, (depth - panel) / 2
@@ -244,7 +248,9 @@ class Cabinet(Prop):
         config = self._config
         thin, inner = config.panel / 2, config.size[1] / 2 - 2 * config.panel
         back, front = -config.front + 3 * config.panel, config.front - config.panel
-        middle, half_depth, rim = (front + back) / 2, (front - back) / 2, 0.3 * config.drawer_front_height
+        middle = (front + back) / 2
+        half_depth = (front - back) / 2
+        rim = 0.3 * config.drawer_front_height
         panels = {
             "front": ((front + thin, 0, 0), (thin, config.size[1] / 2 - DOOR_GAP, config.drawer_front_height / 2)),
             "bottom": ((middle, 0, -rim), (half_depth, inner, thin / 2)),

@@ -35,15 +35,18 @@ SIDES: Mapping[str, float] = MappingProxyType({"back": 0.0, "left": np.pi / 2, "
 LEVELS = ("base", "counter", "wall", "tall")  # Levels of rows, which hold fixtures of the same level.
 MAX_PARTS = 16  # Greatest number of parts in a kitchen.
 
-# Bounds of numbers of a design [m].
-_COUNTER_HEIGHT, _GAP = (1.5, 1.9), (0.0, 1.0)
+_COUNTER_HEIGHT = (1.5, 1.9)  # Bounds of the counter's height [m].
+_GAP = (0.0, 1.0)  # Bounds of the gap to the left of a fixture [m].
+
+# Bounds of the numbers of a row in a design [m].
 _ROW = {"distance": (0.0, 1.0), "start": (-1.5, 1.5), "height": (1.4, 2.7)}
 
 _DRAWERS_HEIGHT = {1: 0.18, 2: 0.28}  # Least height of drawn drawers with their worktop, by their number [m].
 
-# Of the arm, by the lengths of its links: height of the shoulder above the base, and distance from there to the finger
-# tips with all links in line [m].
-SHOULDER, REACH = 0.333, 1.0
+SHOULDER = 0.333  # Height of the arm's shoulder above its base [m], by the lengths of its links.
+
+# Distance from the shoulder to the finger tips with all links in line [m], by the lengths of the links.
+REACH = 1.0
 
 _OVERLAP = 0.004  # Depth up to which fixtures may overlap, such as by rounding [m].
 
@@ -454,7 +457,9 @@ def _row(
     side: str, level: str, distance: float, start: float, *fixtures: FixtureDesign, height: float | None = None
 ) -> Row:
     """Returns a row, with its places rounded to millimetres."""
-    distance, start, height = round(distance, 3), round(start, 3), height if height is None else round(height, 3)
+    distance = round(distance, 3)
+    start = round(start, 3)
+    height = height if height is None else round(height, 3)
     return Row(side=side, level=level, distance=distance, start=start, height=height, fixtures=fixtures)
 
 
@@ -518,14 +523,18 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
     return scene
 
 
-# Half the width of the back wall, height of the walls' upper edges, thickness of the walls, height of the tiles [m].
-_WALL_REACH, _WALL_TOP, _WALL, _TILES = 1.4, 3.1, 0.05, 0.5
+_WALL_REACH = 1.4  # Half the width of the back wall [m].
+_WALL_TOP = 3.1  # Height of the walls' upper edges [m].
+_WALL = 0.05  # Thickness of the walls [m].
+_TILES = 0.5  # Height of the tiles [m].
 
-# Height of plinths, and how far they stand back [m].
-_PLINTH, _RECESS = 0.1, 0.05
+_PLINTH = 0.1  # Height of plinths [m].
+_RECESS = 0.05  # How far plinths stand back [m].
 
-# Of the panel behind the knobs of an oven: distance from the oven's front, lower and upper edge above the counter [m].
-_PANEL_FRONT, _PANEL_BOTTOM, _PANEL_TOP = 0.64, 0.57, 0.8
+# Of the panel behind the knobs of an oven.
+_PANEL_FRONT = 0.64  # Distance from the oven's front [m].
+_PANEL_BOTTOM = 0.57  # Height of its lower edge above the counter [m].
+_PANEL_TOP = 0.8  # Height of its upper edge above the counter [m].
 
 _TILES_COLOR = (0.94, 0.94, 0.93)
 

@@ -21,35 +21,42 @@ PART_KINDS = ("drawer", "door", "sliding door", "knob", "switch", "kettle")  # K
 HANDLES = ("bar", "knob")  # Handles of parametric fixtures.
 GAP = 0.004  # Gap between fronts, and from a front to the edge of its fixture [m].
 
-# Thickness of panels and of worktops [m].
-PANEL, WORKTOP = 0.02, 0.03
+PANEL = 0.02  # Thickness of panels [m].
+WORKTOP = 0.03  # Thickness of worktops [m].
 
-# Of handles: distance of the bar's axis from the front, radius and half length of a bar, radius of a knob [m].
-CLEARANCE, BAR_RADIUS, BAR_HALF_LENGTH, KNOB_RADIUS = 0.06, 0.01, 0.06, 0.018
+CLEARANCE = 0.06  # Distance of the axis of a handle's bar from the front [m].
+BAR_RADIUS = 0.01  # Radius of a handle's bar [m].
+BAR_HALF_LENGTH = 0.06  # Half length of a handle's bar [m].
+KNOB_RADIUS = 0.018  # Radius of a knob as a handle [m].
 
-# Distance of a door's handle from its free edge, and from its upper or lower edge [m].
-EDGE, CORNER = 0.05, 0.1
+EDGE = 0.05  # Distance of a door's handle from the door's free edge [m].
+CORNER = 0.1  # Distance of a door's handle from the door's upper or lower edge [m].
 
-# Greatest travel of drawers and doors [m, rad].
-_DRAWER_TRAVEL, _SLIDING_TRAVEL, _DOOR_TRAVEL = 0.3, 0.26, 1.57
+_DRAWER_TRAVEL = 0.3  # Greatest travel of drawers [m].
+_SLIDING_TRAVEL = 0.26  # Greatest travel of sliding doors [m].
+_DOOR_TRAVEL = 1.57  # Greatest travel of hinged doors [rad].
 
-# Opening at which a part counts as wide open [m, rad].
-DRAWER_OPENING, SLIDING_OPENING, DOOR_OPENING, KNOB_ANGLE, SWITCH_ANGLE = 0.2, 0.2, 0.9, -0.88, -0.69
+DRAWER_OPENING = 0.2  # Opening at which a drawer counts as wide open [m].
+SLIDING_OPENING = 0.2  # Opening at which a sliding door counts as wide open [m].
+DOOR_OPENING = 0.9  # Opening at which a hinged door counts as wide open [rad].
+KNOB_ANGLE = -0.88  # Angle at which a knob counts as on [rad].
+SWITCH_ANGLE = -0.69  # Angle at which a switch counts as on [rad].
 
 _STIFF_FRICTION = (0.99, 0.999, 0.001)  # `solimpfriction` of slides and hinges, as of `cabinet.Cabinet`.
 _ROOM = CLEARANCE + KNOB_RADIUS  # Room before fixtures of boxes that handles take up [m].
 
-# Depths of parametric fixtures below and above a counter [m].
-_BASE_DEPTH, _WALL_DEPTH = 0.5, 0.32
+_BASE_DEPTH = 0.5  # Depth of parametric fixtures below a counter, and of tall ones [m].
+_WALL_DEPTH = 0.32  # Depth of parametric fixtures above a counter [m].
 
-# How far a tall cabinet reaches below and above the counter [m].
-_TALL_BOTTOM, _TALL_TOP = -0.75, 0.85
+_TALL_BOTTOM = -0.75  # Lower edge of a tall cabinet, from the counter's height up [m].
+_TALL_TOP = 0.85  # Upper edge of a tall cabinet, from the counter's height up [m].
 
 # Height of doors' handles in the frame of their fixture, by its level [m].
 _HANDLE_HEIGHTS = {"base": -WORKTOP - CORNER, "wall": CORNER, "tall": 0.2}
 
-# Colours that do not depend on the style: of windows, cooktops and plinths, and of stoves.
-DARK, STEEL = (0.12, 0.12, 0.13), (0.72, 0.73, 0.75)
+# Colours that do not depend on the style: red, green and blue from 0 to 1.
+DARK = (0.12, 0.12, 0.13)  # Of windows, cooktops and plinths.
+STEEL = (0.72, 0.73, 0.75)  # Of stoves.
 
 
 class Style(NamedTuple):
@@ -277,7 +284,9 @@ class Drawers(Fixture):
         height, half = (-bottom - WORKTOP) / count, width / 2 - PANEL - GAP
         joint = {"type": "slide", "axis": (0, -1, 0), "range": (0, _DRAWER_TRAVEL), "damping": 8, "frictionloss": 2}
         for number in range(count):
-            name, words, top = f"drawer_{number + 1}", _numbered("drawer", number, count), -WORKTOP - number * height
+            name = f"drawer_{number + 1}"
+            words = _numbered("drawer", number, count)
+            top = -WORKTOP - number * height
             body = self._add_part("drawer", name, DRAWER_OPENING, words, joint=joint)
             low, high = (-width / 2 + GAP, 0, top - height + GAP / 2), (width / 2 - GAP, PANEL, top - GAP / 2)
             self._add_box(body, name, low, high, "front", 0.8)
@@ -298,7 +307,8 @@ class Doors(Fixture):
             top -= WORKTOP
         self._add_carcass((-width / 2, 0, bottom), (width / 2, depth, top))
         sides = ("left", "right") if design.count == 2 else (design.hinge or "left",)
-        span, low, high = width / len(sides) - 2 * GAP, bottom + GAP, top - GAP
+        span = width / len(sides) - 2 * GAP
+        low, high = bottom + GAP, top - GAP
         mass = max(0.5, 6.0 * span * (high - low))
         for side in sides:
             words = "door" if len(sides) == 1 else f"{side} door"
@@ -467,7 +477,10 @@ class KitchenPropKind(FixtureKind):
         return self.parts
 
 
-_COUNT, _DOOR = (1, 2, 3, 4), {"handle": HANDLES, "hinge": ("left", "right")}
+_COUNT = (1, 2, 3, 4)  # Possible numbers of drawers or knobs.
+
+# Options of every fixture with doors.
+_DOOR = {"handle": HANDLES, "hinge": ("left", "right")}
 
 KINDS: Mapping[str, FixtureKind] = MappingProxyType(
     {

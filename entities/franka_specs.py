@@ -184,9 +184,11 @@ def _finger(sign: int, inertia: Inertia, geoms: Iterable[Attributes], *, prefix:
 
 _SHOULDER_SERVO = {"damping": 100.0, "gain": 870.0, "force": 87.0}
 _WRIST_SERVO = {"damping": 10.0, "gain": 120.0, "force": 12.0}
-_ROLL, _UNROLL = {"quat": (0.707107, -0.707107, 0.0, 0.0)}, {"quat": (0.707107, 0.707107, 0.0, 0.0)}
+_ROLL = {"quat": (0.707107, -0.707107, 0.0, 0.0)}  # Rotation by -90 degrees about x.
+_UNROLL = {"quat": (0.707107, 0.707107, 0.0, 0.0)}  # Rotation by 90 degrees about x.
 
-_TURN_6, _TURN_7 = {"euler": (1.57, 0, 1.57)}, {"euler": (1.57, 0, 0.7854)}
+_TURN_6 = {"euler": (1.57, 0, 1.57)}  # Rotation of link 6 [rad].
+_TURN_7 = {"euler": (1.57, 0, 0.7854)}  # Rotation of link 7 [rad].
 
 _KITCHEN_LINKS = _links(
     "panda0_joint",
@@ -274,10 +276,9 @@ KITCHEN_FRANKA = FrankaSpec(
 # Half sizes of a finger pad: along the bar that it holds, in the direction of closing, along the finger [m].
 PAD_HALF_SIZE = (0.0105, 0.005, 0.0095)
 
-# Offsets along z [m]: from the hand to the fingers' frames, from the hand to the middle of the pads, from link 7 to the
-# hand.
-_FINGER_Z, _TOOL_Z = 0.0584, 0.1034
-_HAND_Z = 0.107
+_FINGER_Z = 0.0584  # Offset along z from the hand to the fingers' frames [m].
+_TOOL_Z = 0.1034  # Offset along z from the hand to the middle of the pads [m].
+_HAND_Z = 0.107  # Offset along z from link 7 to the hand [m].
 _HAND_QUAT = (math.cos(math.pi / 8), 0.0, 0.0, -math.sin(math.pi / 8))
 
 # Armature [kg m^2], damping [N m s/rad].
@@ -286,7 +287,8 @@ _SHOULDER = {**_JOINT, "gain": 4500.0, "velocity_gain": 450.0, "force": 87.0}
 _ELBOW = {**_JOINT, "gain": 3500.0, "velocity_gain": 350.0, "force": 87.0}
 _WRIST = {**_JOINT, "gain": 2000.0, "velocity_gain": 200.0, "force": 12.0}
 
-_TURN, _TURN_BACK = {"quat": (math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0)}, {"quat": (math.sqrt(0.5),) * 2 + (0.0, 0.0)}
+_TURN = {"quat": (math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0)}  # Rotation by -90 degrees about x.
+_TURN_BACK = {"quat": (math.sqrt(0.5),) * 2 + (0.0, 0.0)}  # Rotation by 90 degrees about x.
 
 # Origin [m], rotation, joint range [rad] and actuator parameters of links 1 to 7.
 _KINEMATICS: tuple[tuple[Vector, Attributes, Limits, Attributes], ...] = (

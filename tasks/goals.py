@@ -24,9 +24,10 @@ from kitchen_suite.entities.scenes import Scene
 # Names of the criteria, the default first.
 CRITERIA = ("original", "strict")
 
-# Tolerances of `strict`: of a joint [rad, m], and of a free object's position [m] and tilt [rad].
-_JOINT_TOLERANCES = {"hinge": 0.05, "slide": 0.01}
-_POSITION_TOLERANCE, _TILT_TOLERANCE = 0.03, 0.2
+# Tolerances of `strict`.
+_JOINT_TOLERANCES = {"hinge": 0.05, "slide": 0.01}  # Of a joint [rad, m].
+_POSITION_TOLERANCE = 0.03  # Of a free object's position [m].
+_TILT_TOLERANCE = 0.2  # Of a free object's tilt [rad].
 
 Thresholds = float | Mapping[str, float]
 

@@ -302,7 +302,9 @@ class SceneIndices:
 
     def write(self, physics: mjcf.Physics, observation: Array) -> None:
         """Sets qpos and qvel to those of an observation: positions and velocities of robot, then of objects."""
-        qpos, qvel, start = physics.data.qpos, physics.data.qvel, 0
+        qpos = physics.data.qpos
+        qvel = physics.data.qvel
+        start = 0
         parts = (qpos, self.robot_qpos), (qvel, self.robot_qvel), (qpos, self.object_qpos), (qvel, self.object_qvel)
         for field, indices in parts:
             field[indices] = observation[start : start + indices.size]

@@ -20,7 +20,10 @@ from kitchen_suite.tasks.variations.distributions import Bands, Choice, Paramete
 
 _ARM = 7  # Joints of the arm, without the fingers.
 
-_STEP, _UNDOES, _WHICH, _OFFSETS = "push/step", "push/undoes", "push/which", "push/joint_offsets"
+_STEP = "push/step"
+_UNDOES = "push/undoes"
+_WHICH = "push/which"
+_OFFSETS = "push/joint_offsets"
 
 
 def _either(name: str, distribution: Bands | Choice) -> ParameterVariation:

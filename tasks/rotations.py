@@ -9,8 +9,8 @@ _SMALL = 1e-9
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
-# Indices of the two axes that follow x, y and z in cyclic order.
-_NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]
+_NEXT = [1, 2, 0]  # Indices of the axes that follow x, y and z in cyclic order.
+_AFTER_NEXT = [2, 0, 1]  # Indices of the axes after those.
 
 
 def squared_length(vectors: Array) -> Array:

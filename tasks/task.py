@@ -242,6 +242,10 @@ class SuiteTask(composer.Task):
     instructions: Any = ()
     hidden_keys: Collection[str] = frozenset()
 
+    # Of the domain's own classes, which its task names.
+    mdp: Any
+    requests: Any
+
     variations: Variations
     policy_inputs: PolicyInputs
     pusher: Pusher
@@ -287,10 +291,14 @@ class SuiteTask(composer.Task):
         self.extra_size = extras.size
         self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
         self.observed: Mapping[str, observable.Observable] = {}
-        self.scene, self.robot, self.mdp = scene, scene.robot, mdp
+        self.scene = scene
+        self.robot = scene.robot
+        self.mdp = mdp
         self._requested_variations = variations, variation_split
         self.requests = ResetRequests()
-        self.episode, self.truncates, self._terminates = EpisodeState(), False, False
+        self.episode = EpisodeState()
+        self.truncates = False
+        self._terminates = False
         self._visualize_reward = False
         for name, termination in self.extra_terminations.items():
             if not callable(termination):

@@ -38,8 +38,11 @@ PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 # Ends the errors about environments that cannot be copied.
 _BY_STATE = "build another one in the same way, and pass its set_state what get_state of this one returns"
 
-# Keys of states: the physics, where it is not the exact one, and what sleeps, where objects may.
-_PHYSICS_NAME, _ASLEEP = "physics_name", "asleep"
+# Key of states: the physics, where it is not the exact one.
+_PHYSICS_NAME = "physics_name"
+
+# Key of states: what sleeps, where objects may.
+_ASLEEP = "asleep"
 
 # Key of states, and of infos: length of a control step [s], where it is not the task's own.
 CONTROL_TIMESTEP = "control_timestep"

@@ -23,14 +23,16 @@ from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import cameras
 
 # Options of `reset` of every environment.
-VARIATION, VARIATION_VALUES = "variation", "variation_values"
+VARIATION = "variation"
+VARIATION_VALUES = "variation_values"
 
 # Option of single environments alone, and of vectorised ones alone.
 STATE = "state"
 RESET_MASK = "reset_mask"
 
 # Keys of infos that hold strings.
-VARIATION_SPLIT, PHYSICS = "variation_split", "physics"
+VARIATION_SPLIT = "variation_split"
+PHYSICS = "physics"
 INSTRUCTION = "instruction"
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own

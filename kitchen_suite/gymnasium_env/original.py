@@ -124,7 +124,9 @@ class Fixed:
     """An attribute that can be read, and assigned only the value it has: the AttributeError says what sets another."""
 
     def __init__(self, read: Callable[[Any], Any], way: str) -> None:
-        self._read, self._way, self.__doc__ = read, way, read.__doc__
+        self._read = read
+        self._way = way
+        self.__doc__ = read.__doc__
 
     @classmethod
     def by(cls, way: str) -> Callable[[Callable[[Any], Any]], Self]:

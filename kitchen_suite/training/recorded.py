@@ -250,7 +250,7 @@ class ImitationTraining(RecordingTraining):
         super().__init__(settings, spec, METHODS[settings.algorithm])
         found = load_demonstrations(settings.demonstrations, spec, self._tasks, settings.num_demonstrations)
         self.data = found.inputs, found.actions, found.last, *found.pictures.values()
-        options = {"num_steps": self._num_steps, "tasks": self._tasks, "extras": self._extras}
+        options: dict[str, Any] = {"num_steps": self._num_steps, "tasks": self._tasks, "extras": self._extras}
         self._build = functools.partial(ImitationLearner, found, self._method, self.config, **options)
 
 
@@ -282,7 +282,8 @@ def _extras(spec: EnvironmentSpec) -> dict[str, Any]:
     with dataclasses.replace(spec, task_kwargs=arguments).make_environment() as environment:
         environment.reset(seed=0)
         task = suite_env(environment).composer_task
-        values, fixed = (task.extras.values, task.extras.of_layout) if task.extras else ([], [])
-        layout = {name: values[task.extra_slices[name]].tolist() for name in fixed}
+        layout = {}
+        if task.extras:
+            layout = {name: task.extras.values[task.extra_slices[name]].tolist() for name in task.extras.of_layout}
     sizes = {name: part.stop - part.start for name, part in task.extra_slices.items()}
     return {"extra_observables": sizes, "layout": layout}

@@ -405,7 +405,9 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         """
         if self.autoreset_mode != AutoresetMode.SAME_STEP or not self._ended.any():
             return {}
-        ended, observations, last = self._ended, self._get_obs(), np.full(self.num_envs, None, dtype=object)
+        ended = self._ended
+        observations = self._get_obs()
+        last = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(ended).tolist():
             last[i] = tree.map_structure(lambda array, i=i: array[i].copy(), observations)
         info = self._masked_infos(ended)

@@ -95,7 +95,9 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """Returns the lists of task names `(n,)` that infos of the single environment have."""
-        state, env, count = self._episodes.state.mdp_state, self._template_env, self.num_envs
+        state = self._episodes.state.mdp_state
+        env = self._template_env
+        count = self.num_envs
         progress, (selected, completed) = state.progress, self._remembered
         lists: dict[str, Sequence[Any]] = {
             TO_COMPLETE: [[*selected(row.tobytes())] for row in progress.remaining],

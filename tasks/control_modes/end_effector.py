@@ -16,17 +16,19 @@ from kitchen_suite.tasks.control_modes import inverse_kinematics
 from kitchen_suite.tasks.control_modes.joints import MAX_SPEED, ArmServos, Gripper
 from kitchen_suite.tasks.mdp import ActionMode, Simulation, as_columns, unit_spec
 
-# Time constant with which the end effector approaches its target: at least this long [s], and this many control steps.
-# Longer, and it lags behind; shorter, and the servos' torques reach their limits.
-_LEAST_RESPONSE, _RESPONSE_STEPS = 0.05, 1.25
+# Time constant with which the end effector approaches its target: the greater one of these two. Longer, and it lags
+# behind; shorter, and the servos' torques reach their limits.
+_LEAST_RESPONSE = 0.05  # The least one [s].
+_RESPONSE_STEPS = 1.25  # In control steps.
 
 # Rate at which the null space of the end effector's pose returns to the posture of the reset [1/s].
 _POSTURE_RATE = 0.25
 
 FRAMES = ("base", "hand")
 
-# Greatest distance of the commanded pose from the actual one [m, rad]: nothing winds up against obstacles.
-COMMAND_DISTANCE, COMMAND_ANGLE = 0.08, 0.3
+# Greatest distance of the commanded pose from the actual one: nothing winds up against obstacles.
+COMMAND_DISTANCE = 0.08  # Of the position [m].
+COMMAND_ANGLE = 0.3  # Of the orientation [rad].
 
 # Greatest distance of a commanded position from the robot's base along each axis [m].
 REACH = 1.0
@@ -118,7 +120,9 @@ class EndEffectorMode(ActionMode):
     stage = mujoco.mjtStage.mjSTAGE_VEL
 
     def bind(self, physics: mjcf.Physics, robot: Robot, timestep: float) -> None:
-        self._arm, self._gripper, self._timestep = Arm(physics, robot, timestep), Gripper(robot), timestep
+        self._arm = Arm(physics, robot, timestep)
+        self._gripper = Gripper(robot)
+        self._timestep = timestep
 
     def start(self, simulation: Simulation) -> PoseCommand:
         position, orientation = self._arm.pose(simulation)

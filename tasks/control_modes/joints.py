@@ -23,8 +23,8 @@ ACTION_SIZE = JOINT_LOW.size
 
 _ARM_LOW, _ARM_HIGH = JOINT_LOW[:7], JOINT_HIGH[:7]
 
-# Targets of both fingers [m].
-GRIPPER_CLOSED, GRIPPER_OPEN = float(JOINT_LOW[7]), float(JOINT_HIGH[7])
+GRIPPER_CLOSED = float(JOINT_LOW[7])  # Target of both fingers to close the gripper [m].
+GRIPPER_OPEN = float(JOINT_HIGH[7])  # Target of both fingers to open the gripper [m].
 
 # Joint positions from which episodes of the Panda start: the hand before the robot, and open [rad; fingers: m].
 DEFAULT_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])

@@ -131,7 +131,9 @@ class KitchenSensors:
         observed = tuple(name for name, prop in scene.props.items() if prop.joints)
         if observed != OBSERVED_PROPS:
             raise ValueError(f"the kitchen's props with joints must be {OBSERVED_PROPS}, in this order, got {observed}")
-        self._scene, self._goals, self.measures_hand = scene, goals, measures_hand
+        self._scene = scene
+        self._goals = goals
+        self.measures_hand = measures_hand
         self.robot, self.parts = scene.robot, Parts.of(len(scene.robot.joints))
         # Joint positions and velocities are up to date after every physics step, positions in space are not.
         self.stage = mujoco.mjtStage.mjSTAGE_POS if measures_hand else mujoco.mjtStage.mjSTAGE_NONE

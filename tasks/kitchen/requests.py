@@ -20,12 +20,12 @@ from kitchen_suite.tasks.task import ResetRequests
 REQUESTED = "requested_tasks"  # Option of a reset, observation and info.
 REQUESTED_ORDER = "requested_order"  # Name of the info on the order of the requested tasks.
 
-# Option of a reset and observation: states of the kitchen that are wanted. Option of a reset: the one at the start.
-GOAL_STATES, START_STATE = "goal_states", "start_state"
+GOAL_STATES = "goal_states"  # Option of a reset and observation: states of the kitchen that are wanted.
+START_STATE = "start_state"  # Option of a reset: state of the kitchen at the start.
 
-# Options of a reset, named as in OGBench: number of the only task that is requested, from 1, and whether infos have a
-# picture of the goal.
-TASK_ID, RENDER_GOAL = "task_id", "render_goal"
+# Options of a reset, named as in OGBench.
+TASK_ID = "task_id"  # Number of the only task that is requested, from 1.
+RENDER_GOAL = "render_goal"  # Whether infos have a picture of the goal.
 
 # Observation: pictures of the last goal state; in the suite's own environment the beginning of their keys.
 GOAL_PIXELS = "goal_pixels"
@@ -194,8 +194,12 @@ class TaskRequests(ResetRequests):
           state_size: number of elements of a state of the kitchen; 30 with the Franka.
         """
         count = len(goals.tasks)
-        self._goals, self._draw, self._weights = goals, draw, np.ones(count)
-        self._goal_states, self._state_size, self._next = goal_states, state_size, Request()
+        self._goals = goals
+        self._draw = draw
+        self._weights = np.ones(count)
+        self._goal_states = goal_states
+        self._state_size = state_size
+        self._next = Request()
         self.request = Request()
         self.order = None if draw is None else order_of(range(count), count)
         self.drawn_tasks = () if draw is None else goals.tasks

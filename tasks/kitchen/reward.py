@@ -26,7 +26,8 @@ from kitchen_suite.tasks.mdp import RewardTerm
 # Least initial distance [rad, m] that shares are relative to: a hand or an object that starts near has come far.
 _LEAST_DISTANCE = 0.1
 
-_APPROACH_WEIGHT, _PROGRESS_WEIGHT = 0.25, 0.75
+_APPROACH_WEIGHT = 0.25  # Weight of the approach in the potential of a task.
+_PROGRESS_WEIGHT = 0.75  # Weight of the progress in the potential of a task.
 
 
 class Shaping(NamedTuple):

@@ -58,7 +58,8 @@ def done_parameter(scene: Scene, requested: Callable[[], Collection[str]]) -> Pa
     return Parameter(name=DONE, unit="0 or 1", type=parameter_type, elements=elements)
 
 
-_UNDONE, _ALL_DONE = np.zeros(7), np.ones(7)
+_UNDONE = np.zeros(7)  # No task is done at the start.
+_ALL_DONE = np.ones(7)  # Every task is done at the start.
 
 # Burners follow their knobs, and the lamp its switch. The kettle's displacement is along x and y, and about z.
 START = (

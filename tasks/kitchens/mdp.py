@@ -27,8 +27,8 @@ from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shares, covered
 from kitchen_suite.tasks.mdp import MDP, Columns, Simulation, Transition, as_columns
 
-# Openings from which a part counts as open or on, and up to which it counts as closed or off, as a share.
-OPEN, CLOSED = 0.75, 0.15
+OPEN = 0.75  # Opening from which a part counts as open or on, as a share.
+CLOSED = 0.15  # Opening up to which a part counts as closed or off, as a share.
 
 
 def _end_to_end(**sizes: int) -> Mapping[str, slice]:
@@ -53,8 +53,10 @@ def size(num_slots: int) -> int:
     return PARTS["slots"].start + num_slots * SLOT_SIZE
 
 
-# Greatest noise of joint positions [rad, m] and velocities, of handles [m] and of openings, times the noise ratios.
-_ROBOT_AMPLITUDE, _HANDLE_AMPLITUDE, _OPENING_AMPLITUDE = 0.1, 0.2, 0.5
+# Greatest noise at a noise ratio of 1.
+_ROBOT_AMPLITUDE = 0.1  # Of joint positions [rad, m] and velocities [rad/s, m/s].
+_HANDLE_AMPLITUDE = 0.2  # Of handles [m].
+_OPENING_AMPLITUDE = 0.5  # Of openings, as a share.
 
 # Parts of the noise.
 _ROBOT, _HANDLES, _OPENINGS = _end_to_end(robot=18, handles=3 * MAX_PARTS, openings=MAX_PARTS).values()

@@ -37,8 +37,8 @@ VARIED: tuple[ParameterVariation, ...] = (
     *PUSH,
 )
 
-# Positions of the robot's joints at the start [rad, m], and the greatest noise on those of the arm [rad].
-HOME, RESET_NOISE = INITIAL_QPOS[:9], 0.05
+HOME = INITIAL_QPOS[:9]  # Positions of the robot's joints at the start [rad, m].
+RESET_NOISE = 0.05  # Greatest noise on the positions of the arm's joints at the start [rad].
 
 # Verbs of tasks: whether they begin with the part open or on, and the kinds of parts that they are for.
 VERBS: Mapping[str, tuple[bool, frozenset[str]]] = {
@@ -230,7 +230,9 @@ class KitchensTask(SuiteTask):
             terminates_when_complete=reward not in CONTINUING,
         )
         super().__init__(scene, mdp, **observables)
-        self._parts, self._names, self._words = scene.parts, scene.part_names, part_words(scene)
+        self._parts = scene.parts
+        self._names = scene.part_names
+        self._words = part_words(scene)
         allowed = certificate_of(scene.design).certified if checks.boolean(certified, "certified") else None
         self.requests = PartRequests(scene, names, tasks_per_episode, mdp.num_slots, allowed)
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]

@@ -13,7 +13,8 @@ from kitchen_suite.entities.appearance import camera_prefix
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 
-APPEARANCE, CAMERA = "appearance", "camera"
+APPEARANCE = "appearance"
+CAMERA = "camera"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

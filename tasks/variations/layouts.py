@@ -130,7 +130,9 @@ class Reach:
             error = target - data.site_xpos[self._hand]
             if np.linalg.norm(error) <= 0.005:
                 return joints
-            position, anchors, axes = data.site_xpos[self._hand], data.xanchor[self._joints], data.xaxis[self._joints]
+            position = data.site_xpos[self._hand]
+            anchors = data.xanchor[self._joints]
+            axes = data.xaxis[self._joints]
             linear = inverse_kinematics.jacobian(position, anchors, axes)[:3]
             # Joints that would leave their range stay at its end.
             low, high = self._low - joints, self._high - joints

@@ -93,8 +93,12 @@ class Variations:
             raise TypeError(
                 f"variations must be names of groups, or distributions by parameter, got {checks.shown(variations)}"
             )
-        self._scene, self._home, self._correct = scene, home, correct
-        self._request, self._refusals, self._checked_model = VariationRequest(), 0, None
+        self._scene = scene
+        self._home = home
+        self._correct = correct
+        self._request = VariationRequest()
+        self._refusals = 0
+        self._checked_model = None
         offered = {parameter.name: parameter for parameter in (*scene.parameters, *parameters)}
         rows = {row.name: row for row in table if row.name in offered}
         self._given = _parsed(variations, rows, offered) if isinstance(variations, Mapping) else {}

@@ -2,6 +2,7 @@
 
 import pytest
 from helpers.headless import run
+from helpers.sweeps import brief
 
 pytestmark = pytest.mark.rendering
 
@@ -46,7 +47,10 @@ ENDS = {
 }
 
 
-@pytest.mark.parametrize("end", ENDS)
+EVERY_RUN = ("at exit", "in another thread", "in the middle of an image")
+
+
+@pytest.mark.parametrize("end", brief(ENDS, EVERY_RUN, [end for end in ENDS if end not in EVERY_RUN]))
 def test_dropped_environments_are_quiet(end):
     assert run(MADE + ENDS[end]) == (0, "", "")
 
