@@ -14,7 +14,9 @@ import argparse
 import ast
 import contextlib
 import dataclasses
+import functools
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -91,9 +93,14 @@ class Tracer:
 
     def _file(self, frame: FrameType) -> str | None:
         """Path of a frame's file below the root; None outside the project, and in its tests."""
-        path = frame.f_code.co_filename
+        path = _without_links(frame.f_code.co_filename)
         relative = path.removeprefix(self._root)
         return None if relative == path or relative.startswith("tests/") else relative
+
+
+@functools.cache
+def _without_links(path: str) -> str:
+    return os.path.realpath(path)
 
 
 def step() -> Callable[[], object]:
