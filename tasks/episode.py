@@ -122,7 +122,7 @@ def map_arrays(function: Callable[..., Any], *nested: Any) -> Any:
 
 
 class Acting(NamedTuple):
-    """What acts during a control step.
+    """Action, targets and controls of a control step, with the memories that follow from it.
 
     Attributes:
       action: `(..., k)`.
@@ -160,7 +160,7 @@ class Stepper:
     terminations: Mapping[str, Termination]
 
     def act(self, state: EpisodeState, action: Array, draw: Array | float) -> Acting:
-        """Returns what acts during the step of an action.
+        """Returns targets and controls for an action, and the memories that follow.
 
         Args:
           state: after the last control step.

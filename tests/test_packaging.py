@@ -1,4 +1,4 @@
-"""What is installed, and what setup.cfg says."""
+"""The packages, files and extras that setup.cfg installs, and the version."""
 
 import configparser
 import re
