@@ -2,15 +2,17 @@
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 from kitchen_suite.names import DEFAULT_TASKS
-from kitchen_suite.tasks.extra_observations import Observation
 from kitchen_suite.tasks.goals import Goal
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 from kitchen_suite.tasks.kitchens.task import KitchensTask
-from kitchen_suite.tasks.mdp import MDP, FeatureSensors, Simulation, Transition
+from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
+from kitchen_suite.tasks.sensors import FeatureSensors
+from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.task import SuiteTask
+from kitchen_suite.tasks.terms import Observation, Transition
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 
 __all__ = [

@@ -1,42 +1,15 @@
 """Observations that a user's task adds: what they read, their noise, and their values in episodes."""
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from dm_control.composer.observation import observable
-from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.tasks.mdp import Simulation
-
-
-@dataclasses.dataclass(frozen=True)
-class Observation:
-    """A quantity that is measured after every control step; a value of `SuiteTask.extra_observations`.
-
-    Attributes:
-      read: returns it, `(..., k)`, given the simulation and the MDP's state after the step. The axes `(...)` are those
-        of the state's arrays: none for one episode, one for many. It must compute each episode from that alone.
-      noise: a corruptor as dm_control has them, which is called with the value `(k,)` of one episode and its
-        `random_state`, once a step and once a reset, such as `noises.Additive(distributions.Uniform(-0.01, 0.01))` of
-        `dm_control.composer.variation`; None for no noise. Terms of the reward get the value without noise.
-      enabled: whether agents observe it; terms of the reward get it in any case.
-    """
-
-    read: Callable[[Simulation, Any], ArrayLike]
-    noise: Callable[..., ArrayLike] | None = None
-    enabled: bool = True
-
-    def __post_init__(self) -> None:
-        """Raises a TypeError for an attribute of the wrong type."""
-        if not callable(self.read):
-            raise TypeError(f"read must be a function of a simulation and a state, got {checks.shown(self.read)}")
-        if not (self.noise is None or callable(self.noise)):
-            raise TypeError(f"noise must be a corruptor or None, got {checks.shown(self.noise)}")
-        checks.boolean(self.enabled, "enabled")
+from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.tasks.terms import Observation
 
 
 class Measured(NamedTuple):

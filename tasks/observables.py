@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.tasks.mdp import FeatureSensors, PhysicsSimulation, Simulation
+from kitchen_suite.tasks.sensors import FeatureSensors
+from kitchen_suite.tasks.simulation import PhysicsSimulation, Simulation
 
 DEFAULT_SIZE = (128, 128)  # Height and width [pixels].
 

@@ -2,11 +2,10 @@
 
 import abc
 import collections
-import dataclasses
 import inspect
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -20,19 +19,20 @@ from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
+from kitchen_suite.tasks.control_modes.mode import MEDIAN, ActionMode
 from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper, sensing_parameters
 from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
 from kitchen_suite.tasks.goals import checked_instructions
-from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, Termination, as_columns
+from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.observables import ExtraObservables, Pictures, joined
+from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PARAMETERS, Pusher
+from kitchen_suite.tasks.records import Completions, Metrics
+from kitchen_suite.tasks.requests import ResetRequests
+from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
+from kitchen_suite.tasks.terms import RewardTerm, Termination
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
-
-PICTURE_AXES = 3  # Number of axes of an observed picture: height, width, channels.
-
-# Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
-Metrics = dict[str, bool | float | dict[str, int]]
 
 # Hooks of composer's tasks that act in a composer environment alone: the vectorised one steps by the task's MDP. By
 # name, what acts in all environments instead.
@@ -57,137 +57,6 @@ MAX_CONTROL_TIMESTEP = 1.0
 # Greatest difference of a control step from whole physics steps [physics steps]; that of `composer.Task`.
 _WHOLE_STEPS = 1e-6
 
-SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)  # Colour of objects that the task counts as a success.
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PolicyInputs:
-    """The observation of a task as trained policies take it.
-
-    The flat observation is the state, then goals and requests of tasks, without pictures.
-
-    Attributes:
-      names: names of trained policies for the task, the most specific one first. The first is equal for tasks that
-        differ neither in goals nor in rewards.
-      state_size: number of elements of the state.
-      goal_size: number of elements of the achieved and the desired goal.
-      tasks: names of the tasks that episodes may ask for; empty if the task has no parts.
-      observes_requests: whether the observation ends with the request: 1 for each requested one of `tasks`, else 0.
-      keys: beginnings of the keys of goals and requests, in the order of the flat observation; all other keys are of
-        the state.
-      goal_elements: elements of the state that goal states are compared in: the positions of objects; empty where a
-        task has no such states.
-      goal_place: index in the flat observation of the first of these in the last goal state; None if none is observed.
-    """
-
-    names: tuple[str, ...]
-    state_size: int
-    goal_size: int = 0
-    tasks: tuple[str, ...] = ()
-    observes_requests: bool = False
-    keys: tuple[str, ...] = ()
-    goal_elements: tuple[int, ...] = ()
-    goal_place: int | None = None
-
-    @property
-    def size(self) -> int:
-        """Number of elements of the flat observation."""
-        return self.state_size + self.goal_size + self.observes_requests * len(self.tasks)
-
-    def with_longer_state(self, count: int) -> "PolicyInputs":
-        """Returns the inputs with a number of elements added at the end of the state."""
-        place = None if self.goal_place is None else self.goal_place + count
-        return dataclasses.replace(self, state_size=self.state_size + count, goal_place=place)
-
-    def flatten(self, observation: NDArray | Mapping[str, Any]) -> NDArray:
-        """Returns the flat observation `(..., m)`.
-
-        Args:
-          observation: of a dm_env time step, a Gymnasium environment or a recorded episode: `(..., m)`, returned as it
-            is; or arrays `(..., k)` by key, with goals as arrays or by task.
-        """
-        if not isinstance(observation, Mapping):
-            return observation
-        order = {key: place for place, key in enumerate(self.keys, start=1)}
-        keys = sorted(observation, key=lambda key: order.get(key.partition("/")[0], 0))
-        arrays: list[NDArray] = []
-        for value in (observation[key] for key in keys):
-            arrays += value.values() if isinstance(value, Mapping) else [np.atleast_1d(value)]
-        return np.concatenate([array for array in arrays if array.ndim < PICTURE_AXES], axis=-1)
-
-    def state_and_requests(self, observation: NDArray | Mapping[str, Any], tasks: Sequence[str]) -> Array:
-        """Returns the inputs `(..., n)` of a policy without goals: the state, and 1 for each requested task.
-
-        Args:
-          observation: as `flatten` takes it; without requests, it asks for all tasks.
-          tasks: names, in the order of the policy.
-        """
-        flat = self.flatten(observation)
-        count, none = len(self.tasks), np.zeros((*flat.shape[:-1], 1))
-        requests = flat[..., -count:] if self.observes_requests else np.ones((*flat.shape[:-1], count))
-        requested = {name: requests[..., i : i + 1] for i, name in enumerate(self.tasks)}
-        return np.concatenate([flat[..., : self.state_size], *(requested.get(name, none) for name in tasks)], axis=-1)
-
-    def wanted(self, observation: NDArray | Mapping[str, Any]) -> Array:
-        """Returns the `goal_elements` `(..., g)` of the last goal state in an observation, as `flatten` takes it."""
-        assert self.goal_place is not None, "goal states are observed"
-        return self.flatten(observation)[..., self.goal_place : self.goal_place + len(self.goal_elements)]
-
-
-class Completions(NamedTuple):
-    """The tasks of an episode that asks for several.
-
-    Attributes:
-      tasks: the names of all `n` tasks.
-      requested: `(n,)`, which of them the episode asks for.
-      steps: `(n,)`, control step, from 1, at which each was first completed; not positive where it was not.
-    """
-
-    tasks: tuple[str, ...]
-    requested: NDArray[np.bool_]
-    steps: NDArray[np.int64]
-
-    @property
-    def steps_by_task(self) -> dict[str, int | None]:
-        """The requested tasks, each with the control step of its completion or None."""
-        rows = zip(self.tasks, self.requested.tolist(), self.steps.tolist(), strict=True)
-        return {name: step if step > 0 else None for name, is_requested, step in rows if is_requested}
-
-
-class ResetRequests:
-    """Options of a reset that belong to a task; this class has none.
-
-    Attributes:
-      options: names of the options.
-      drawn_tasks: names of the `n` tasks of which each episode draws some; empty if every episode asks for the same.
-      weights: `(n,)`, with which later episodes draw them; only where tasks are drawn.
-    """
-
-    options: tuple[str, ...] = ()
-    drawn_tasks: tuple[str, ...] = ()
-    weights: Any
-
-    def checked(self, options: Mapping[str, Any]) -> Any:
-        """Returns the checked request of a reset's options for one episode; None if they have none.
-
-        Raises a TypeError or a ValueError for an option that the task refuses.
-        """
-        return None
-
-    def follow(self, request: Any) -> None:
-        """Makes the next reset follow a request that `checked` returned."""
-
-    def draw(self, random_state: np.random.RandomState) -> None:
-        """Draws what the episode that starts asks for, or discards the draw where a request says so."""
-
-    def recorded(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
-        """Returns the options of a reset that repeat what was drawn in a recorded episode.
-
-        Args:
-          arrays: the episode's `observation/...` and `info/...` arrays with a leading axis of `T + 1`.
-        """
-        return {}
-
 
 class SuiteTask(composer.Task):
     """A task that steps by its MDP, with saved states, metrics of its episodes, and optional highlighting of success.
@@ -202,7 +71,7 @@ class SuiteTask(composer.Task):
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       varied: the parameters that groups vary, in the order in which they are drawn.
       extra_rewards: additional terms of the reward by name, in classes of a user's own: functions of a step; see
-        `tasks.mdp.Transition`.
+        `tasks.terms.Transition`.
       extra_terminations: additional reasons to terminate an episode by name: functions of a step that return bools.
         Infos have them as `termination/<name>`.
       extra_observations: additional observations by name, in classes of a user's own; a property of a class may return
@@ -625,44 +494,3 @@ class SuiteTask(composer.Task):
         self._terminates = bool(self._stepper.terminates(episode))
         self.truncates = bool(self.mdp.truncates(state))
         self.publish(physics)
-
-
-class OpeningTask(SuiteTask):
-    """A task that opens a drawer or a door.
-
-    Attributes:
-      opened: `drawer`, whose opening is in m, or `door`, whose opening is a share of the goal; infos have it as
-        `drawer_opening` or `door_opening`.
-    """
-
-    opened: ClassVar[str]
-
-    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
-        """Returns whether the drawer or door is open, whether it was at any time, and how far it is open."""
-        return {
-            "success": bool(infos["is_success"]),
-            "success_at_any_time": bool(infos["success_at_any_time"]),
-            f"{self.opened}_opening": float(self.progress_in(infos)),
-        }
-
-    def progress_in(self, infos: Mapping[str, Any]) -> Array:
-        """Returns how far the drawer or door is open [m, or as a share]."""
-        return infos[f"{self.opened}_opening"]
-
-    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
-        key = "info/is_success"
-        return ((self.opened,), arrays[key][:, np.newaxis]) if key in arrays else None
-
-
-class Highlighting:
-    """Colours of some objects: their own, or green where the task counts them as a success."""
-
-    def __init__(self, physics: mjcf.Physics, objects: Iterable[Sequence[mjcf.Element]]) -> None:
-        """Stores the objects, each with its geoms, and their own colours."""
-        self._physics, self._objects = physics, [*objects]
-        self._own_rgba = [np.array(physics.bind(geoms).rgba) for geoms in self._objects]
-
-    def update(self, successes: Iterable[bool]) -> None:
-        """Colours the objects that are a success green, and restores the own colours of the others."""
-        for geoms, own_rgba, is_success in zip(self._objects, self._own_rgba, successes, strict=True):
-            self._physics.bind(geoms).rgba = SUCCESS_RGBA if is_success else own_rgba

@@ -33,7 +33,7 @@ from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS, ROUNDING, SIZE, KitchenReading
 from kitchen_suite.tasks.kitchen.requests import in_order, order_of
-from kitchen_suite.tasks.task import Metrics
+from kitchen_suite.tasks.records import Metrics
 from kitchen_suite.versions import installed_versions
 
 ACTION_SIZE = 9  # Numbers of an action of the kitchen.

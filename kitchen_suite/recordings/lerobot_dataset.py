@@ -27,7 +27,7 @@ from kitchen_suite.recordings.formats import LEROBOT, DatasetPlan, Source
 from kitchen_suite.rollouts.episode import EpisodeArrays, unflatten
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
-from kitchen_suite.tasks.task import PICTURE_AXES
+from kitchen_suite.tasks.policy_inputs import PICTURE_AXES
 
 # Files of a dataset: with what LeRobot's lack, the specification of the recording and the episodes; one that all have.
 RECORDING_FILE, INFO_FILE = Path("meta", "kitchen_suite.json"), Path("meta", "info.json")

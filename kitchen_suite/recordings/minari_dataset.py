@@ -18,7 +18,7 @@ from kitchen_suite.recordings.formats import DatasetPlan, Source
 from kitchen_suite.rollouts.episode import EpisodeArrays, flatten, unflatten
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
-from kitchen_suite.tasks.task import PICTURE_AXES
+from kitchen_suite.tasks.policy_inputs import PICTURE_AXES
 
 # Keys of the metadata of a dataset, the specification of the recording and the number of episodes asked for; and of
 # those of an episode: the task's sentence, the digest of the actions, and the names of their labels, after commas.

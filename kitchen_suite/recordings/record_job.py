@@ -20,7 +20,7 @@ from kitchen_suite.rollouts.report import EpisodeBar, Report
 from kitchen_suite.rollouts.rollout import VectorRunner, play_many
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.settings import FAILURE, USAGE, RecordSettings
-from kitchen_suite.tasks.task import Metrics
+from kitchen_suite.tasks.records import Metrics
 
 _DEMONSTRATOR = "expert(action_noise=0.1, jitter=0.01)"
 _UNDIRECTED = "undirected(action_noise=0.1, jitter=0.01{})"

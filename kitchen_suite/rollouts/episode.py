@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import files
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
-from kitchen_suite.tasks.task import Metrics
+from kitchen_suite.tasks.records import Metrics
 
 
 class Step(NamedTuple):

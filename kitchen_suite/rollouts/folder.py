@@ -9,7 +9,7 @@ from typing import Any
 from kitchen_suite import files
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
 from kitchen_suite.rollouts.spec import EpisodeSpec
-from kitchen_suite.tasks.task import Metrics
+from kitchen_suite.tasks.records import Metrics
 
 SPEC_FILE, _PATTERN = "recording.json", "episode_*.npz"
 _RECORDING = files.DescribedFolder(SPEC_FILE, "a recording", _PATTERN)

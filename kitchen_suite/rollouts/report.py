@@ -13,7 +13,7 @@ from kitchen_suite.settings import WIDTH
 
 _GAP, _UNBROKEN = "  ", "\N{NO-BREAK SPACE}"
 
-# Value of a metric of `tasks.task.Metrics`.
+# Value of a metric of `tasks.records.Metrics`.
 _Metric = bool | float | dict[str, int]
 
 

@@ -20,7 +20,8 @@ from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.rollout import Controller, NetworkController
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import IMITATION, TrainSettings
-from kitchen_suite.tasks.task import ResetRequests, SuiteTask
+from kitchen_suite.tasks.requests import ResetRequests
+from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.demonstrations import OBSERVATION_OPTIONS, check_same, load_to_clone
 from kitchen_suite.training.hyperparameters import Hyperparameters, find_recipe

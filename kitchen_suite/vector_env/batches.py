@@ -19,7 +19,7 @@ from dm_control import mjcf
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.mdp import BatchSimulation, Columns, Simulation
+from kitchen_suite.tasks.simulation import BatchSimulation, Columns, Simulation
 
 _batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
 

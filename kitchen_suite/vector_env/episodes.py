@@ -16,8 +16,8 @@ from kitchen_suite.environment import PHYSICS_STATE, Environment
 from kitchen_suite.environment.edits import ModelSnapshot, read_field, write_field
 from kitchen_suite.gymnasium_env.base import PHYSICS
 from kitchen_suite.names import EXACT
+from kitchen_suite.tasks.control_modes.mode import MEDIAN
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
-from kitchen_suite.tasks.mdp import MEDIAN
 from kitchen_suite.tasks.variations.variations import SLEEP, VariationRequest
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.batches import JoinedSensors, make_simulations

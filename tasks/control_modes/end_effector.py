@@ -14,7 +14,8 @@ from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes import inverse_kinematics
 from kitchen_suite.tasks.control_modes.joints import MAX_SPEED, ArmServos, Gripper
-from kitchen_suite.tasks.mdp import ActionMode, Simulation, as_columns, unit_spec
+from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
+from kitchen_suite.tasks.simulation import Simulation, as_columns
 
 # Time constant with which the end effector approaches its target: the greater one of these two. Longer, and it lags
 # behind; shorter, and the servos' torques reach their limits.

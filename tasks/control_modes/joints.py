@@ -12,7 +12,8 @@ from kitchen_suite.entities import PANDA
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.robot import Robot
-from kitchen_suite.tasks.mdp import ActionMode, Simulation, as_columns, unit_spec
+from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
+from kitchen_suite.tasks.simulation import Simulation, as_columns
 
 GRIPPER_MODES = ("sampled", "deterministic")
 

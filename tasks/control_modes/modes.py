@@ -12,7 +12,7 @@ from kitchen_suite.tasks.control_modes.end_effector import (
     EndEffectorPose,
 )
 from kitchen_suite.tasks.control_modes.joints import JointDelta, JointOffset, JointPosition
-from kitchen_suite.tasks.mdp import ActionMode
+from kitchen_suite.tasks.control_modes.mode import ActionMode
 
 # Modes that every domain has.
 SHARED_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(

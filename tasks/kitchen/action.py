@@ -13,10 +13,11 @@ from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.robot import Robot
+from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
 from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import ROBOT_POSITIONS
-from kitchen_suite.tasks.mdp import ActionMode, Simulation, unit_spec
+from kitchen_suite.tasks.simulation import Simulation
 
 PHYSICS_TIMESTEP = 0.002  # [s]
 CONTROL_TIMESTEP = 0.08  # [s]

@@ -17,7 +17,7 @@ from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.mdp import ATTEMPTED, REWARD_STATE, KitchenMDP
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, counted_in_order
 from kitchen_suite.tasks.kitchen.reward import GOAL_TERMS, Shaping, Shares, task_shares
-from kitchen_suite.tasks.mdp import total
+from kitchen_suite.tasks.terms import total
 
 TO_COMPLETE = "tasks_to_complete"
 STEP_COMPLETIONS = "step_task_completions"

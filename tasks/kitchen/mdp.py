@@ -22,7 +22,9 @@ from kitchen_suite.tasks.kitchen.requests import (
     next_in_turn,
 )
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, task_shares
-from kitchen_suite.tasks.mdp import MDP, Simulation, Transition
+from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.tasks.terms import Transition
 
 # Names of the terms of the sparse reward, which follow from the completions and are not saved.
 _SPARSE = REWARDS["sparse"].keys()

@@ -19,8 +19,9 @@ from kitchen_suite.entities.joints import JointState
 from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
-from kitchen_suite.tasks.mdp import SceneIndices, Simulation
 from kitchen_suite.tasks.observables import joined
+from kitchen_suite.tasks.sensors import SceneIndices
+from kitchen_suite.tasks.simulation import Simulation
 
 # Amplitudes of the noise [rad, m, rad/s, m/s], 0.1 for the robot. The reference has them from a table for another
 # scene, hence no pattern.

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.goals import GoalSet
-from kitchen_suite.tasks.task import ResetRequests
+from kitchen_suite.tasks.requests import ResetRequests
 
 REQUESTED = "requested_tasks"  # Option of a reset, observation and info.
 REQUESTED_ORDER = "requested_order"  # Name of the info on the order of the requested tasks.

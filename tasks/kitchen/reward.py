@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.goals import GoalSet, Success
-from kitchen_suite.tasks.mdp import RewardTerm
+from kitchen_suite.tasks.terms import RewardTerm
 
 # Least initial distance [rad, m] that shares are relative to: a hand or an object that starts near has come far.
 _LEAST_DISTANCE = 0.1

@@ -25,7 +25,9 @@ from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shares, covered
-from kitchen_suite.tasks.mdp import MDP, Columns, Simulation, Transition, as_columns
+from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.simulation import Columns, Simulation, as_columns
+from kitchen_suite.tasks.terms import Transition
 
 OPEN = 0.75  # Opening from which a part counts as open or on, as a share.
 CLOSED = 0.15  # Opening up to which a part counts as closed or off, as a share.

@@ -14,6 +14,7 @@ from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen, Placed
 from kitchen_suite.entities.fixtures import KINDS, Part
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
+from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, checked_order, in_order, order_of
@@ -21,8 +22,11 @@ from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchens.certificates import certificate_of
 from kitchen_suite.tasks.kitchens.mdp import PARTS, KitchensMDP, KitchensState, SlotSensors, noise_scale, size
 from kitchen_suite.tasks.observables import joined
+from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PUSH
-from kitchen_suite.tasks.task import Completions, Highlighting, Metrics, PolicyInputs, ResetRequests, SuiteTask
+from kitchen_suite.tasks.records import Completions, Metrics
+from kitchen_suite.tasks.requests import ResetRequests
+from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, one_of
 

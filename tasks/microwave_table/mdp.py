@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks import rotations
-from kitchen_suite.tasks.mdp import MDP, FeatureSensors, RewardTerm, Simulation, Transition
+from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.sensors import FeatureSensors
+from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.tasks.terms import RewardTerm, Transition
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]

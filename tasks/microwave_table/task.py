@@ -12,9 +12,10 @@ from dm_control.composer.observation import observable
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JointOffset
+from kitchen_suite.tasks.control_modes.mode import ActionMode
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
-from kitchen_suite.tasks.mdp import ActionMode, FeatureSensors, SceneIndices
+from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
     OPEN_ANGLE,
@@ -24,8 +25,10 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     MicrowaveTableMDP,
 )
 from kitchen_suite.tasks.observables import joined
+from kitchen_suite.tasks.opening import OpeningTask
+from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PUSH
-from kitchen_suite.tasks.task import Highlighting, OpeningTask, PolicyInputs
+from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 from kitchen_suite.tasks.variations.randomizer import Values

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.tasks.mdp import FeatureSensors
+from kitchen_suite.tasks.sensors import FeatureSensors
 
 _HOLD_DISTANCE = 0.03  # Greatest distance of the hand from the handle that it holds [m].
 

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.tasks.mdp import MDP, Simulation, Transition
+from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.open_cabinet.features import FEATURE_INDICES, Features, OpenCabinetSensors, scalars
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, clipped, observe
 from kitchen_suite.tasks.open_cabinet.reward import Grip, grip, succeeds, terminates
+from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.tasks.terms import Transition
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]

@@ -15,8 +15,8 @@ from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.franka_specs import PAD_HALF_SIZE
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN
-from kitchen_suite.tasks.mdp import RewardTerm
 from kitchen_suite.tasks.open_cabinet.features import Features, scalars
+from kitchen_suite.tasks.terms import RewardTerm
 
 # Names of the terms in order.
 TERMS = ("approach", "orientation", "grasp", "opening", "straddling", "effort", "termination")

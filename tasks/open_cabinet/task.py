@@ -12,7 +12,7 @@ from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
-from kitchen_suite.tasks.mdp import as_columns
+from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.observables import joined
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
@@ -20,7 +20,9 @@ from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, OpenCabinetMD
 from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.reward import REWARDS
 from kitchen_suite.tasks.open_cabinet.variations import VARIED
-from kitchen_suite.tasks.task import Highlighting, OpeningTask, PolicyInputs
+from kitchen_suite.tasks.opening import OpeningTask
+from kitchen_suite.tasks.policy_inputs import PolicyInputs
+from kitchen_suite.tasks.simulation import as_columns
 
 # Instructions by drawer; see `tasks.goals`.
 INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(

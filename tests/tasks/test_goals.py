@@ -14,7 +14,7 @@ from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.goals import Goal, GoalSet, Progress
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
-from kitchen_suite.tasks.mdp import SceneIndices
+from kitchen_suite.tasks.sensors import SceneIndices
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,8 @@ from kitchen_suite.policies.experts.trajectories import HandSpeedLimits, JointSp
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes import end_effector
 from kitchen_suite.tasks.control_modes import joints as joint_modes
+from kitchen_suite.tasks.control_modes.mode import ActionMode
 from kitchen_suite.tasks.kitchen import action as kitchen_action
-from kitchen_suite.tasks.mdp import ActionMode
 
 # Distances of the hand, and of a joint, from the target beyond which they do not follow [m, rad; rad].
 _MAX_DISTANCE, _MAX_ANGLE, _MAX_LAG = 0.1, 0.5, 0.25

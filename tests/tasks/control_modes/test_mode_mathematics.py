@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from kitchen_suite.entities import PANDA, Franka
 from kitchen_suite.tasks.control_modes import end_effector, joints
+from kitchen_suite.tasks.control_modes.mode import MEDIAN
 from kitchen_suite.tasks.kitchen import action as kitchen
-from kitchen_suite.tasks.mdp import MEDIAN
 
 # Limits of the Panda's joints [rad, m].
 LOW = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973, 0.0, 0.0])

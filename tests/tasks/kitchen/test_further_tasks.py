@@ -12,8 +12,8 @@ from kitchen_suite.cli.commands import rollout
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
+from kitchen_suite.tasks.highlighting import SUCCESS_RGBA
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS, REVERSES
-from kitchen_suite.tasks.task import SUCCESS_RGBA
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv
 
 # Pairs of tasks that exclude each other, and why.

@@ -9,7 +9,7 @@ from helpers.sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.mdp import PhysicsSimulation
+from kitchen_suite.tasks.simulation import PhysicsSimulation
 
 ARM = slice(0, 7)
 # The second joint starts at the lower end of its range.

@@ -1,0 +1,42 @@
+"""Options of a reset that belong to a task: what the episode asks for."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class ResetRequests:
+    """Options of a reset that belong to a task; this class has none.
+
+    Attributes:
+      options: names of the options.
+      drawn_tasks: names of the `n` tasks of which each episode draws some; empty if every episode asks for the same.
+      weights: `(n,)`, with which later episodes draw them; only where tasks are drawn.
+    """
+
+    options: tuple[str, ...] = ()
+    drawn_tasks: tuple[str, ...] = ()
+    weights: Any
+
+    def checked(self, options: Mapping[str, Any]) -> Any:
+        """Returns the checked request of a reset's options for one episode; None if they have none.
+
+        Raises a TypeError or a ValueError for an option that the task refuses.
+        """
+        return None
+
+    def follow(self, request: Any) -> None:
+        """Makes the next reset follow a request that `checked` returned."""
+
+    def draw(self, random_state: np.random.RandomState) -> None:
+        """Draws what the episode that starts asks for, or discards the draw where a request says so."""
+
+    def recorded(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
+        """Returns the options of a reset that repeat what was drawn in a recorded episode.
+
+        Args:
+          arrays: the episode's `observation/...` and `info/...` arrays with a leading axis of `T + 1`.
+        """
+        return {}

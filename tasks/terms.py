@@ -1,0 +1,78 @@
+"""Terms of tasks: named functions that make up observation, reward and termination."""
+
+import dataclasses
+import functools
+import operator
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.entities.assets import Array
+from kitchen_suite.tasks.simulation import Simulation
+
+
+class Transition:
+    """A control step of one episode, or of many; what terms of reward and termination are functions of.
+
+    An MDP may have a class of its own, which adds quantities that several terms share.
+
+    Attributes:
+      before: the MDP's state before the step.
+      action: `(..., k)`, the action.
+      target: `(..., 9)`, targets of the robot's actuators that follow from it [rad, m].
+      after: the MDP's state after the step; it has no terms of the reward yet.
+      observations: the task's `extra_observations` after the step, `(..., m)` by name, without noise.
+      previous_observations: the same before the step.
+    """
+
+    observations: Mapping[str, Array] = MappingProxyType({})
+    previous_observations: Mapping[str, Array] = MappingProxyType({})
+
+    def __init__(self, before: Any, action: Array, target: Array, after: Any) -> None:
+        self.before = before
+        self.action = action
+        self.target = target
+        self.after = after
+
+
+RewardTerm = Callable[[Any], Array]
+"""A term of a reward: a function of a `Transition` that returns `(...)`."""
+
+
+Termination = Callable[[Any], NDArray[np.bool_]]
+"""A reason to terminate an episode: a function of a `Transition` that returns bools `(...)`."""
+
+
+def total(terms: Mapping[str, Array]) -> Array:
+    """Returns the reward `(...)`, the sum of its terms."""
+    return functools.reduce(operator.add, terms.values())
+
+
+@dataclasses.dataclass(frozen=True)
+class Observation:
+    """A quantity that is measured after every control step; a value of `SuiteTask.extra_observations`.
+
+    Attributes:
+      read: returns it, `(..., k)`, given the simulation and the MDP's state after the step. The axes `(...)` are those
+        of the state's arrays: none for one episode, one for many. It must compute each episode from that alone.
+      noise: a corruptor as dm_control has them, which is called with the value `(k,)` of one episode and its
+        `random_state`, once a step and once a reset, such as `noises.Additive(distributions.Uniform(-0.01, 0.01))` of
+        `dm_control.composer.variation`; None for no noise. Terms of the reward get the value without noise.
+      enabled: whether agents observe it; terms of the reward get it in any case.
+    """
+
+    read: Callable[[Simulation, Any], ArrayLike]
+    noise: Callable[..., ArrayLike] | None = None
+    enabled: bool = True
+
+    def __post_init__(self) -> None:
+        """Raises a TypeError for an attribute of the wrong type."""
+        if not callable(self.read):
+            raise TypeError(f"read must be a function of a simulation and a state, got {checks.shown(self.read)}")
+        if not (self.noise is None or callable(self.noise)):
+            raise TypeError(f"noise must be a corruptor or None, got {checks.shown(self.noise)}")
+        checks.boolean(self.enabled, "enabled")
