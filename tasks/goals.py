@@ -239,10 +239,10 @@ class GoalSet:
 
     def split(self, flat: NDArray) -> dict[str, NDArray]:
         """Returns views of goals end to end, `(..., k)`, by task."""
-        return {task: flat[..., indices] for task, indices in self._slices.items()}
+        return {task: flat[..., indices] for task, indices in self.slices.items()}
 
     @functools.cached_property
-    def _slices(self) -> dict[str, slice]:
+    def slices(self) -> dict[str, slice]:
         """Slice of each task's values among the `k`."""
         stops = [*self.starts[1:], self.desired.size]
         return {task: slice(start, stop) for task, start, stop in zip(self.tasks, self.starts, stops, strict=True)}

@@ -2,7 +2,8 @@
 
 import abc
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -14,7 +15,7 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes.mode import ActionMode
 from kitchen_suite.tasks.sensors import Sensors
 from kitchen_suite.tasks.simulation import Simulation
-from kitchen_suite.tasks.terms import RewardTerm, Transition, total
+from kitchen_suite.tasks.terms import Observation, RewardTerm, Transition, total
 
 Reading = TypeVar("Reading")
 State = TypeVar("State", bound=tuple)
@@ -79,9 +80,50 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """Returns the state after one more control step without extra observations; arguments as of `transition`."""
         return self.rewarded(self.transition(state, **arguments))
 
+    @property
     @abc.abstractmethod
+    def observations(self) -> Mapping[str, Observation]:
+        """What agents observe of the state, by key, in the order of the flat observation."""
+
+    @property
+    def goal_observations(self) -> Mapping[str, Observation]:
+        """The goals that agents observe, by key: values of all tasks end to end, in the order of `goals`.
+
+        Only an MDP with `goals`, a `GoalSet`, has any.
+        """
+        return MappingProxyType({})
+
+    @property
+    def request_observations(self) -> Mapping[str, Observation]:
+        """What agents observe of the requests of episodes, by key, in order."""
+        return MappingProxyType({})
+
+    @property
+    def has_goal_pictures(self) -> bool:
+        """Whether agents that observe pictures observe pictures of the goal as well."""
+        return False
+
+    def goal_pictures(self, state: State) -> NDArray[np.uint8]:
+        """Returns pictures `(..., c, height, width, 3)` of the goal, one by each of the task's cameras."""
+        raise NotImplementedError("there are no pictures of goals")
+
+    @property
+    def noisy_observations(self) -> Collection[str]:
+        """Keys of those `observations` to which `corrupted` adds noise."""
+        return ()
+
+    def corrupted(self, key: str, clean: NDArray, state: State) -> NDArray:
+        """Returns one of the `observations`, `(..., k)`, with the noise that the state holds."""
+        return clean
+
+    def clean_observation(self, simulation: Simulation, state: State) -> NDArray:
+        """Returns the flat observation `(..., m)` without goals and requests, without noise."""
+        return np.concatenate([each.read(simulation, state) for each in self.observations.values()], axis=-1)
+
     def observation(self, simulation: Simulation, state: State) -> NDArray:
-        """Returns the flat observation `(..., m)` without goals, with its noise."""
+        """Returns the flat observation `(..., m)` without goals and requests, with its noise."""
+        clean = {key: np.asarray(term.read(simulation, state)) for key, term in self.observations.items()}
+        return np.concatenate([self.corrupted(key, value, state) for key, value in clean.items()], axis=-1)
 
     def rewarded(self, step: Transition) -> Any:
         """Returns the state after a step with the terms of its reward."""

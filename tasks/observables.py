@@ -18,6 +18,9 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.sensors import FeatureSensors
 from kitchen_suite.tasks.simulation import PhysicsSimulation, Simulation
 
+# First part of the keys of the pictures of goals.
+GOAL_PIXELS = "goal_pixels"
+
 DEFAULT_SIZE = (128, 128)  # Height and width [pixels].
 
 

@@ -2,6 +2,7 @@
 
 import abc
 import collections
+import functools
 import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
@@ -24,13 +25,13 @@ from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper, sensing_
 from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
 from kitchen_suite.tasks.goals import checked_instructions
 from kitchen_suite.tasks.mdp import MDP
-from kitchen_suite.tasks.observables import ExtraObservables, Pictures, joined
+from kitchen_suite.tasks.observables import GOAL_PIXELS, ExtraObservables, Pictures, joined
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PARAMETERS, Pusher
 from kitchen_suite.tasks.records import Completions, Metrics
 from kitchen_suite.tasks.requests import ResetRequests
 from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
-from kitchen_suite.tasks.terms import RewardTerm, Termination
+from kitchen_suite.tasks.terms import Observation, RewardTerm, Termination
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
 
@@ -94,6 +95,7 @@ class SuiteTask(composer.Task):
       extra_size: number of their elements, as long.
       pictures: the pictures of cameras that are observed.
       pusher: makes the pushes of episodes; from the compilation on.
+      simulation: access to the fields of the physics; from the compilation on.
       random: the random state that the environment last passed to the task.
       episode: state of the present episode; arrays without leading axes, not to be written to.
       truncates: whether the last step truncated the episode, whatever the environment's time limit.
@@ -118,6 +120,7 @@ class SuiteTask(composer.Task):
     variations: Variations
     policy_inputs: PolicyInputs
     pusher: Pusher
+    simulation: PhysicsSimulation
     random: np.random.RandomState
     default_control_timestep: float | None = None
 
@@ -159,10 +162,10 @@ class SuiteTask(composer.Task):
         self.extra_slices = dict(extras.slices)
         self.extra_size = extras.size
         self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
-        self.observed: Mapping[str, observable.Observable] = {}
         self.scene = scene
         self.robot = scene.robot
         self.mdp = mdp
+        self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
         self.requests = ResetRequests()
         self.episode = EpisodeState()
@@ -179,6 +182,42 @@ class SuiteTask(composer.Task):
         if taken := sorted(rewards.keys() & cls.extra_rewards.keys()):
             raise ValueError(f"extra_rewards of {cls.__name__} must have other names than the reward's terms: {taken}")
         return {**rewards, **cls.extra_rewards}
+
+    def _make_observables(self) -> dict[str, observable.Observable]:
+        """Returns an enabled observable for each observation, by key, in order."""
+        entities = {
+            key: own for entity in self.root_entity.iter_entities() for key, own in entity.observables.as_dict().items()
+        }
+        state: dict[str, observable.Observable] = {}
+        for key, term in self.mdp.observations.items():
+            state[key] = entities[key] if key in entities else self._observable(term)
+            if key in self.mdp.noisy_observations:
+                state[key].corruptor = functools.partial(self._corrupted, key)
+        goals = {
+            f"{key}/{name}": self._observable(term, part)
+            for key, term in self.mdp.goal_observations.items()
+            for name, part in self.mdp.goals.slices.items()
+        }
+        requests = {key: self._observable(term) for key, term in self.mdp.request_observations.items()}
+        if self.mdp.has_goal_pictures:
+            for place, picture in enumerate(self.pictures.colour):
+                requests[f"{GOAL_PIXELS}/{picture.camera}"] = self._goal_picture(place)
+        observed = joined(state, self.extra_observables, goals, requests)
+        for part in observed.values():
+            part.enabled = True
+        return observed
+
+    def _observable(self, term: Observation, part: slice = slice(None)) -> observable.Observable:
+        """Returns an observable of some elements of a term of the MDP."""
+        return observable.Generic(lambda physics: np.asarray(term.read(self.simulation, self.state))[part])
+
+    def _goal_picture(self, place: int) -> observable.Observable:
+        """Returns an observable of the picture of the goal by one of the cameras."""
+        return observable.Generic(lambda physics: self.mdp.goal_pictures(self.state)[place])
+
+    def _corrupted(self, key: str, clean: Array, random_state: np.random.RandomState) -> ArrayLike:
+        """Returns one of the MDP's observations with the noise that the state holds, as a corruptor."""
+        return self.mdp.corrupted(key, clean, self.state)
 
     def vary(self, *, handles: Sequence[mjcf.Element], parameters: Sequence[Parameter] = (), **arguments: Any) -> None:
         """Selects the parameters that vary; to be called once, before the scene is compiled.
@@ -353,7 +392,7 @@ class SuiteTask(composer.Task):
 
     def initial_state(self, draws: Array) -> Any:
         """Returns the MDP's state before the first step; `draws` as in `MDP.initial_state`."""
-        return self.mdp.initial_state(self.mdp.sensors.read(self._simulation), draws)
+        return self.mdp.initial_state(self.mdp.sensors.read(self.simulation), draws)
 
     def bind(self, physics: mjcf.Physics) -> None:
         """Looks up what the task needs beside the MDP in a compiled scene."""
@@ -366,9 +405,9 @@ class SuiteTask(composer.Task):
 
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random = random_state
-        mdp, self._simulation = self.mdp, PhysicsSimulation(physics)
+        mdp, self.simulation = self.mdp, PhysicsSimulation(physics)
         self.pusher = Pusher.make(physics, self.scene, mdp)
-        self._stepper = Stepper(mdp, self._simulation, self.pusher, self.observations, self.extra_terminations)
+        self._stepper = Stepper(mdp, self.simulation, self.pusher, self.observations, self.extra_terminations)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
         self.variations.bind(physics)
@@ -431,7 +470,7 @@ class SuiteTask(composer.Task):
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
         draw = random_state.random_sample() if mode.draws else MEDIAN
         self._acting = self._stepper.act(self.episode, checked, draw)
-        self._simulation.write("ctrl", self.mdp.sensors.ctrl, self._acting.ctrl)
+        self.simulation.write("ctrl", self.mdp.sensors.ctrl, self._acting.ctrl)
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random, mdp = random_state, self.mdp
@@ -441,8 +480,8 @@ class SuiteTask(composer.Task):
             if self.extras is not None:
                 self.extras.refresh(physics)
             if self.observations.by_name:
-                self._simulation.evaluate()
-        reading = mdp.sensors.read(self._simulation)
+                self.simulation.evaluate()
+        reading = mdp.sensors.read(self.simulation)
         draws = mdp.draw_noise(random_state)
         self._set_episode(self._stepper.observe(self.episode, self._acting, reading, draws), physics)
         if self.observations.by_name:
@@ -461,18 +500,18 @@ class SuiteTask(composer.Task):
         """Sets the state before the first step; `draws` as in `MDP.initial_state`."""
         mdp, before = self.mdp, self.episode.mdp_state
         mdp.sensors.refresh(physics)
-        positions = np.array(self._simulation.read("qpos", self._joint_columns))
+        positions = np.array(self.simulation.read("qpos", self._joint_columns))
         values = self.variations.randomizer.values
         start = EpisodeState(
             sensing=Sensing.start(values, mdp, self.robot.holding_targets(positions)),
-            push=self.pusher.start(values, self._simulation),
+            push=self.pusher.start(values, self.simulation),
             variation=self.variations.info,
         )
         state = self.initial_state(start.scaled(draws))
         episode = start._replace(mdp_state=state, terminations=dict.fromkeys(self.extra_terminations, np.array(False)))
         if self.observations.by_name:
-            self._simulation.evaluate()
-            values = self.observations.measure(self._simulation, state, ())
+            self.simulation.evaluate()
+            values = self.observations.measure(self.simulation, state, ())
             episode = episode._replace(measured=Measured(values, self.observations.uncorrupted(values)))
         self._set_episode(episode if before is None else episode.persisting(mdp.persistent, before, True), physics)
         self._start_command(physics)
@@ -481,7 +520,7 @@ class SuiteTask(composer.Task):
         """Makes the control mode start from the present state of the physics."""
         if self.mdp.action_mode.reads_derived:
             mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
-        self.episode = self.episode._replace(command=self.mdp.action_mode.start(self._simulation))
+        self.episode = self.episode._replace(command=self.mdp.action_mode.start(self.simulation))
 
     def set_mdp_state(self, state: Any, physics: mjcf.Physics | None = None) -> None:
         """Sets the MDP's state, and publishes it."""

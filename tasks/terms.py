@@ -2,6 +2,8 @@
 
 import dataclasses
 import functools
+import itertools
+import math
 import operator
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -54,25 +56,40 @@ def total(terms: Mapping[str, Array]) -> Array:
 
 @dataclasses.dataclass(frozen=True)
 class Observation:
-    """A quantity that is measured after every control step; a value of `SuiteTask.extra_observations`.
+    """A quantity that is measured after every control step: a term of `MDP.observations`, or of `extra_observations`.
 
     Attributes:
       read: returns it, `(..., k)`, given the simulation and the MDP's state after the step. The axes `(...)` are those
         of the state's arrays: none for one episode, one for many. It must compute each episode from that alone.
       noise: a corruptor as dm_control has them, which is called with the value `(k,)` of one episode and its
         `random_state`, once a step and once a reset, such as `noises.Additive(distributions.Uniform(-0.01, 0.01))` of
-        `dm_control.composer.variation`; None for no noise. Terms of the reward get the value without noise.
+        `dm_control.composer.variation`; None for no noise. Terms of the reward get the value without noise. The MDP's
+        own observations have that of `MDP.corrupted` instead.
       enabled: whether agents observe it; terms of the reward get it in any case.
+      minimum: lower bound of its elements in observation spaces.
+      maximum: upper bound of its elements in observation spaces.
     """
 
     read: Callable[[Simulation, Any], ArrayLike]
     noise: Callable[..., ArrayLike] | None = None
     enabled: bool = True
+    minimum: float = -math.inf
+    maximum: float = math.inf
 
     def __post_init__(self) -> None:
-        """Raises a TypeError for an attribute of the wrong type."""
+        """Raises a TypeError or a ValueError for a bad attribute."""
         if not callable(self.read):
             raise TypeError(f"read must be a function of a simulation and a state, got {checks.shown(self.read)}")
         if not (self.noise is None or callable(self.noise)):
             raise TypeError(f"noise must be a corruptor or None, got {checks.shown(self.noise)}")
         checks.boolean(self.enabled, "enabled")
+        if not self.minimum < self.maximum:
+            bounds = f"{checks.shown(self.minimum)} and {checks.shown(self.maximum)}"
+            raise ValueError(f"minimum must be less than maximum, got {bounds}")
+
+
+def end_to_end(sizes: Mapping[str, int]) -> Mapping[str, slice]:
+    """Returns the places of parts of some sizes, by name, in an array that holds them end to end."""
+    stops = itertools.accumulate(sizes.values())
+    places = {name: slice(stop - size, stop) for (name, size), stop in zip(sizes.items(), stops, strict=True)}
+    return MappingProxyType(places)

@@ -3,7 +3,7 @@
 import copy
 import inspect
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, Self
 
 import gymnasium
@@ -18,7 +18,7 @@ from kitchen_suite.domains.elsewhere import OF_LOAD
 from kitchen_suite.environment import Environment
 from kitchen_suite.environment.seeds import NEXT_SEED, UNKNOWN, checked_next_seed, checked_stride, known
 from kitchen_suite.gymnasium_env import observations, rendering
-from kitchen_suite.gymnasium_env.observations import Observations
+from kitchen_suite.gymnasium_env.observations import Observations, Present
 from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import cameras
 
@@ -59,8 +59,7 @@ class SuiteEnv(gymnasium.Env):
       default_domain: name of the domain where none is given; empty for a class of any domain.
       obs_types: names of the observation types; the first is the default.
       default_cameras: cameras of the observation types with pictures where none are named.
-      observation_limit: bound of the flat observation.
-      observation_dtype: its type.
+      observation_dtype: type of the flat observation.
       free_camera: attributes of the free camera.
       array_options: arguments with which infos are arrays of fixed shape alone, which can be recorded.
       flat_options: arguments with which goals are arrays as well, as a network needs them.
@@ -72,7 +71,6 @@ class SuiteEnv(gymnasium.Env):
     default_domain: ClassVar[str] = ""
     obs_types: ClassVar[tuple[str, ...]] = tuple(name for name in observations.OBS_TYPES if name != "goal")
     default_cameras: ClassVar[tuple[str, ...]] = ("overview",)
-    observation_limit: ClassVar[float] = math.inf
     observation_dtype: ClassVar[type[np.floating]] = np.float32
     free_camera: ClassVar[Mapping[str, Any]] = {"distance": 2.5, "azimuth": 125.0, "elevation": -25.0}
     array_options: ClassVar[Mapping[str, Any]] = {}
@@ -237,9 +235,15 @@ class SuiteEnv(gymnasium.Env):
     def _constructors(cls) -> list[Any]:
         return [vars(base)["__init__"] for base in cls.__mro__ if "__init__" in vars(base)]
 
-    def _make_observations(self, obs_type: str, make: Callable[..., Observations] = Observations) -> Observations:
-        limit, dtype = self.observation_limit, self.observation_dtype
-        return make(self.environment, obs_type, robot_keys=self.robot_keys, limit=limit, dtype=dtype)
+    def _make_observations(self, obs_type: str, flat_goals: bool = False) -> Observations:
+        observations.disable_copies(self.composer_task)
+        return Observations(
+            self.environment,
+            obs_type,
+            robot_keys=self.robot_keys,
+            flat_goals=flat_goals,
+            dtype=self.observation_dtype,
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         return {
@@ -298,7 +302,7 @@ class SuiteEnv(gymnasium.Env):
     @property
     def present_observation(self) -> dict[str, NDArray]:
         """The present observation as the suite's own, which policies expect, whatever the observation type."""
-        return self.observations.suite_observation(*self._parts())
+        return self.observations.suite_observation(self._present())
 
     def camera_parameters(self, camera: str, width: int, height: int) -> cameras.CameraParameters:
         """Returns intrinsics and extrinsics of a camera, by its name, for images of `width` x `height` pixels."""
@@ -311,11 +315,11 @@ class SuiteEnv(gymnasium.Env):
     def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
         """Stores an observation of the suite's environment, and returns it in the observation space."""
         self._observation = observation
-        return self.observations(*self._parts())
+        return self.observations(self._present())
 
-    def _parts(self) -> tuple[NDArray, Any, Mapping[str, NDArray]]:
-        """Returns the present flat observation, the MDP's state, and the observation with the pictures."""
-        return self.observations.flat(self._observation), self.composer_task.state, self._observation
+    def _present(self) -> Present:
+        task = self.composer_task
+        return Present(self.observations.flat(self._observation), task.simulation, task.state, self._observation)
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the info of the last step or reset, in fresh lists and arrays, without that of the variation."""

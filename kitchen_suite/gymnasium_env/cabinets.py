@@ -8,7 +8,6 @@ from kitchen_suite.entities.designs import Design
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP as KITCHENS_TIMESTEP
 from kitchen_suite.tasks.microwave_table.mdp import CONTROL_TIMESTEP as MICROWAVE_TIMESTEP
-from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 
 
@@ -24,7 +23,6 @@ class FrankaOpenCabinetEnv(SuiteEnv):
 
     metadata = {**SuiteEnv.metadata, "render_fps": round(1 / CONTROL_TIMESTEP)}
     default_domain = "open_cabinet"
-    observation_limit = observation.LIMIT
     free_camera = {"distance": 2.2, "azimuth": 125.0, "elevation": -25.0, "lookat": np.array([0.4, 0.0, 0.5])}
 
     def __init__(self, drawer: str = "top", **arguments: Any) -> None:

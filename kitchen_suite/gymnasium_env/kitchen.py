@@ -1,7 +1,6 @@
 """The kitchen as a Gymnasium environment with the interface of FrankaKitchen-v1."""
 
 import contextlib
-import functools
 import io
 import math
 import types
@@ -9,11 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import observations
 from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT
 from kitchen_suite.gymnasium_env.original import OriginalEnv
@@ -21,17 +18,13 @@ from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
-from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import Parts
-from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, RENDER_GOAL, REQUESTED, TASK_ID
+from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, REQUESTED, TASK_ID
 from kitchen_suite.tasks.observables import shown_at
 
 with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
     from gymnasium_robotics.core import GoalEnv
-
-
-_GOALS = ("achieved_goal", "desired_goal")
 
 
 class GoalMethod:
@@ -53,71 +46,6 @@ class GoalMethod:
             name = self._method.__name__
             raise AttributeError(f"there is no {name} without goals in the observations: build with obs_type='goal'")
         return types.MethodType(self._method, instance)
-
-
-class KitchenObservations(observations.Observations):
-    """Observations with the achieved and the desired goals of the kitchen's tasks, and with the requested tasks."""
-
-    def __init__(self, environment: Environment, *args: Any, flat_goals: bool, **settings: Any) -> None:
-        """Finds the parts; goals are one array each if `flat_goals`, otherwise dicts by task."""
-        self._mdp, self._flat_goals = environment.task.mdp, flat_goals
-        super().__init__(environment, *args, **settings)
-
-    def goal_parts(self) -> dict[str, observations.Part]:
-        goals = self._mdp.goals
-        by_task: dict[str, spaces.Space] = {
-            task: _unbounded(goal.shape) for task, goal in goals.split(goals.desired).items()
-        }
-        space = _unbounded(goals.desired.shape) if self._flat_goals else spaces.Dict(by_task)
-        form = (lambda flat: flat) if self._flat_goals else goals.split
-        return {
-            "achieved_goal": observations.Part(space, lambda flat, state, pictures: form(state.achieved.copy())),
-            "desired_goal": observations.Part(space, lambda flat, state, pictures: form(self._desired(state))),
-        }
-
-    def goal_keys(self) -> list[str]:
-        return [f"{key}/{task}" for key in _GOALS for task in self._mdp.goals.split(self._mdp.goals.desired)]
-
-    def request_parts(self) -> dict[str, observations.Part]:
-        mdp = self._mdp
-        parts: dict[str, observations.Part] = {}
-        if mdp.goal_states and self.has_pictures:
-            shown = {observations.picture_key(each.camera): each for each in self._task.pictures.colour}
-            part = observations.picture_part(shown)
-            parts[GOAL_PIXELS] = part._replace(read=lambda flat, state, _: part.read(flat, state, self._shown(state)))
-        if mdp.goal_states:
-            parts[GOAL_STATES] = self._request_part(GOAL_STATES, _unbounded((mdp.initial_qpos.size * mdp.goal_states,)))
-        if mdp.task_draw:
-            space = spaces.Box(0.0, 1.0, (len(mdp.goals.tasks),), np.float64)
-            parts[REQUESTED] = self._request_part(REQUESTED, space)
-        return parts
-
-    def _request_part(self, name: str, space: spaces.Space) -> observations.Part:
-        return observations.Part(space, lambda flat, state, pictures: self._requests(state)[name])
-
-    def _requests(self, state: KitchenState) -> dict[str, NDArray[np.float64]]:
-        """Returns vectors that are observed of the requests of episodes, by key, in fresh arrays."""
-        mdp = self._mdp
-        goal_states = {} if state.goal_states is None else {GOAL_STATES: state.goal_states.copy()}
-        return {**goal_states, **({REQUESTED: mdp.current_mask(state).astype(np.float64)} if mdp.task_draw else {})}
-
-    def _shown(self, state: KitchenState) -> dict[str, NDArray[np.uint8]]:
-        """Returns the pictures `(..., height, width, 3)` of goal states by camera, in fresh arrays; empty if none."""
-        if state.goal_pictures is None:
-            return {}
-        rows = np.moveaxis(state.goal_pictures, -4, 0)
-        return {each.camera: row.copy() for each, row in zip(self._task.pictures.colour, rows, strict=True)}
-
-    def suite_goal_pictures(self, state: KitchenState) -> dict[str, NDArray]:
-        return {f"{GOAL_PIXELS}/{camera}": picture for camera, picture in self._shown(state).items()}
-
-    def suite_goals(self, state: KitchenState) -> dict[str, NDArray]:
-        goals = zip(_GOALS, (state.achieved.copy(), self._desired(state)), strict=True)
-        parts = {f"{key}/{task}": part for key, flat in goals for task, part in self._mdp.goals.split(flat).items()}
-        return {**parts, **self._requests(state)}
-
-    def _desired(self, state: KitchenState) -> NDArray:
-        return np.broadcast_to(self._mdp.goals.desired, state.achieved.shape).copy()
 
 
 class FrankaKitchenEnv(OriginalEnv, GoalEnv):
@@ -214,11 +142,8 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
         """Whether observations hold goals; only then is there `compute_reward`, as of a goal environment."""
         return self.observations.has_goals
 
-    def _make_observations(self, obs_type: str, make: Any = KitchenObservations) -> observations.Observations:
-        # Goals are read from the task's state: faster than one observable for each task.
-        for key, part in self.composer_task.task_observables.items():
-            part.enabled = not key.startswith((*_GOALS, GOAL_STATES, REQUESTED, GOAL_PIXELS))
-        return super()._make_observations(obs_type, functools.partial(make, flat_goals=self._goal_format == "flat"))
+    def _make_observations(self, obs_type: str, flat_goals: bool = False) -> observations.Observations:
+        return super()._make_observations(obs_type, flat_goals=self._goal_format == "flat")
 
     def _get_info(self) -> dict[str, Any]:
         task = self.composer_task
@@ -315,7 +240,3 @@ def goal_observation(goal: NDArray[np.float64], parts: Parts) -> NDArray[np.floa
 
 def _item(value: NDArray) -> Any:
     return value if value.ndim else value.item()
-
-
-def _unbounded(shape: tuple[int, ...]) -> spaces.Box:
-    return spaces.Box(-np.inf, np.inf, shape, np.float64)

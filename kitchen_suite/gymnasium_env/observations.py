@@ -4,6 +4,7 @@ An observation of the suite's own environment is a dict by observable. Its array
 observation, from which most parts of an observation type are taken.
 """
 
+import functools
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -14,8 +15,10 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.environment import Environment
-from kitchen_suite.tasks.observables import Picture
+from kitchen_suite.tasks.observables import GOAL_PIXELS, Picture
+from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.task import SuiteTask
+from kitchen_suite.tasks.terms import Observation
 
 # Kinds of parts, in the order of the observation, by observation type. `goal` needs a task with goals.
 OBS_TYPES: Mapping[str, tuple[str, ...]] = {
@@ -31,17 +34,32 @@ OBS_TYPES: Mapping[str, tuple[str, ...]] = {
 PICTURE_OPTIONS = ("cameras", "image_size", "depth", "segmentation")
 
 
+class Present(NamedTuple):
+    """The present step of one environment, or of many, from which observations are read.
+
+    Attributes:
+      flat: `(..., m)`, the flat observation, in a fresh array.
+      simulation: the physics.
+      state: of the MDP.
+      pictures: `(..., height, width, channels)` by observation key; among them there may be other observations.
+    """
+
+    flat: NDArray
+    simulation: Simulation
+    state: Any
+    pictures: Mapping[str, NDArray]
+
+
 class Part(NamedTuple):
     """A part of an observation.
 
     Attributes:
       space: of one environment.
-      read: returns the part in fresh arrays, with any leading axes, given the flat observation `(..., m)`, the state of
-        the MDP and the pictures `(..., height, width, channels)` by observation key.
+      read: returns the part in fresh arrays, with any leading axes.
     """
 
     space: spaces.Space
-    read: Callable[[NDArray, Any, Mapping[str, NDArray]], Any]
+    read: Callable[[Present], Any]
 
 
 def has_pictures(obs_type: str) -> bool:
@@ -93,14 +111,17 @@ class Observations:
     """
 
     def __init__(
-        self, environment: Environment, obs_type: str, *, robot_keys: Collection[str], limit: float, dtype: Any
+        self, environment: Environment, obs_type: str, *, robot_keys: Collection[str], flat_goals: bool, dtype: Any
     ) -> None:
         """Finds the parts of the flat observation, and those of the observation type, a key of `OBS_TYPES`.
 
-        The flat observation consists of the environment's enabled observables. Its `robot_keys`, its `limit`, which
-        extra observables do not have, and its `dtype` are attributes of `SuiteEnv`.
+        The flat observation consists of the environment's enabled observables. Its `robot_keys` and its `dtype` are
+        attributes of `SuiteEnv`. Goals are one array each if `flat_goals`, otherwise dicts by task.
         """
         self._task = environment.task
+        self._mdp = environment.task.mdp
+        self._simulation = environment.task.simulation
+        self._flat_goals = flat_goals
         self._dtype = dtype
         self.has_pictures = has_pictures(obs_type)
         self.has_goals = "goals" in OBS_TYPES[obs_type]
@@ -111,27 +132,28 @@ class Observations:
         sizes = [spec[key].shape[0] for key in keys]
         stops = np.cumsum(sizes).tolist()
         self._slices = {key: slice(stop - size, stop) for key, size, stop in zip(keys, sizes, stops, strict=True)}
-        limits = [math.inf if key in environment.task.extra_observables else limit for key in keys]
-        bound = np.repeat(limits, sizes).astype(dtype)
-        self.flat_space = spaces.Box(-bound, bound, dtype=dtype)
+        terms = {**self._mdp.observations, **environment.task.observations.by_name}
+        bounds = [(terms[key].minimum, terms[key].maximum) if key in terms else (-math.inf, math.inf) for key in keys]
+        low, high = (np.repeat(side, sizes).astype(dtype) for side in zip(*bounds, strict=True))
+        self.flat_space = spaces.Box(low, high, dtype=dtype)
         of_robot = {*robot_keys, *(extras.of_robot if extras else ())}
         robot = [np.arange(part.start, part.stop) for key, part in self._slices.items() if key in of_robot]
         self._robot = np.concatenate([*robot, np.zeros(0, np.int64)])
-        self._rest = np.setdiff1d(np.arange(bound.size), self._robot)
+        self._rest = np.setdiff1d(np.arange(low.size), self._robot)
         kinds = {
-            "observation": lambda: {"observation": Part(self.flat_space, lambda flat, state, pictures: flat)},
-            "goals": self.goal_parts,
+            "observation": lambda: {"observation": Part(self.flat_space, lambda present: present.flat)},
+            "goals": self._goal_parts,
             "environment_state": lambda: {"environment_state": self._elements(self._rest)},
             "agent_pos": lambda: {"agent_pos": self._elements(self._robot)},
             "pixels": self._picture_parts,
         }
         self._parts = {key: part for kind in OBS_TYPES[obs_type] for key, part in kinds[kind]().items()}
-        self._parts |= self.request_parts()
+        self._parts |= self._request_parts()
         shown = {"observation", "environment_state"}.intersection(OBS_TYPES[obs_type])
         shown_of_robot = {"observation", "agent_pos"}.intersection(OBS_TYPES[obs_type])
         hidden = [key for key in keys if not (shown_of_robot if key in of_robot else shown)]
         if "goals" not in OBS_TYPES[obs_type]:
-            hidden += self.goal_keys()
+            hidden += goal_keys(environment.task)
         self.hidden = frozenset(hidden)
         self._is_array = OBS_TYPES[obs_type] == ("observation",)
         boxes = {key: part.space for key, part in self._parts.items()}
@@ -141,30 +163,44 @@ class Observations:
         else:
             self.space = next(iter(boxes.values())) if len(boxes) == 1 else spaces.Dict([*boxes.items()])
 
-    def goal_parts(self) -> dict[str, Part]:
-        """Returns the achieved and the desired goal; empty in a domain without goals."""
-        return {}
+    def _goal_parts(self) -> dict[str, Part]:
+        """Returns the goals: arrays, or dicts by task."""
+        return {key: self._goal_part(term) for key, term in self._mdp.goal_observations.items()}
 
-    def goal_keys(self) -> list[str]:
-        """Returns the keys of goals in the suite's own observation; none in a domain without goals."""
-        return []
+    def _goal_part(self, term: Observation) -> Part:
+        goals = self._mdp.goals
+        by_task = {task: _box(term, goal.shape) for task, goal in goals.split(goals.desired).items()}
+        space = _box(term, goals.desired.shape) if self._flat_goals else spaces.Dict([*by_task.items()])
+        if self._flat_goals:
+            return Part(space, lambda present: _read(term, present))
+        return Part(space, lambda present: goals.split(_read(term, present)))
 
-    def request_parts(self) -> dict[str, Part]:
-        """Returns parts that every observation type has after its own."""
-        return {}
+    def _request_parts(self) -> dict[str, Part]:
+        """Returns what is observed of requests, which every observation type has after its own parts."""
+        parts: dict[str, Part] = {}
+        if self.has_pictures and self._mdp.has_goal_pictures:
+            part = picture_part({picture_key(each.camera): each for each in self._task.pictures.colour})
+            read = part.read
+            parts[GOAL_PIXELS] = part._replace(
+                read=lambda present: read(present._replace(pictures=self._goal_pictures(present.state)))
+            )
+        for key, term in self._mdp.request_observations.items():
+            size = np.shape(term.read(self._simulation, self._task.state))
+            parts[key] = Part(_box(term, size), functools.partial(_read, term))
+        return parts
 
-    def suite_goals(self, state: Any) -> dict[str, NDArray]:
-        """Returns goals and requests as the suite's own observation has them, in fresh arrays."""
-        return {}
-
-    def suite_goal_pictures(self, state: Any) -> dict[str, NDArray]:
-        """Returns pictures of goals as the suite's own observation has them, in fresh arrays."""
-        return {}
+    def _goal_pictures(self, state: Any) -> dict[str, NDArray[np.uint8]]:
+        """Returns the pictures `(..., height, width, 3)` of goals by camera, in fresh arrays; empty if none."""
+        cameras = [picture.camera for picture in self._task.pictures.colour]
+        if not cameras or not self._mdp.has_goal_pictures:
+            return {}
+        rows = np.moveaxis(self._mdp.goal_pictures(state), -4, 0)
+        return {camera: row.copy() for camera, row in zip(cameras, rows, strict=True)}
 
     def _elements(self, indices: NDArray[np.int64]) -> Part:
         space = self.flat_space
         box = spaces.Box(space.low[indices], space.high[indices], dtype=self._dtype)
-        return Part(box, lambda flat, state, pictures: flat.take(indices, axis=-1))
+        return Part(box, lambda present: present.flat.take(indices, axis=-1))
 
     def _picture_parts(self) -> dict[str, Part]:
         """Returns the pictures by kind: an array of one camera, or a dict by camera."""
@@ -173,13 +209,13 @@ class Observations:
             kinds.setdefault(picture.kind, {})[picture_key(picture.camera)] = picture
         return {kind: picture_part(by_camera) for kind, by_camera in kinds.items()}
 
-    def __call__(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> Any:
-        """Returns an observation; arguments as of `Part.read`."""
-        parts = {key: part.read(flat, state, pictures) for key, part in self._parts.items()}
+    def __call__(self, present: Present) -> Any:
+        """Returns an observation."""
+        parts = {key: part.read(present) for key, part in self._parts.items()}
         if len(parts) == 1:
             return next(iter(parts.values()))
         if self._is_array:
-            return np.concatenate([*parts.values()], axis=-1, dtype=flat.dtype, casting="same_kind")
+            return np.concatenate([*parts.values()], axis=-1, dtype=present.flat.dtype, casting="same_kind")
         return parts
 
     def recover_flat(self, observation: Any) -> NDArray | None:
@@ -216,17 +252,46 @@ class Observations:
         """Returns copies of the parts `(..., k)` of a flat observation by their names in the suite's own."""
         return {key: flat[..., part].copy() for key, part in self._slices.items()}
 
-    def suite_numbers(self, flat: NDArray, state: Any) -> dict[str, NDArray]:
-        """Returns an observation of the suite's own environment without pictures; arguments as of `Part.read`."""
-        return {**self.split(flat), **self.suite_goals(state)}
-
-    def suite_observation(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> dict[str, NDArray]:
-        """Returns an observation of the suite's own environment, pictures last; arguments as of `Part.read`."""
-        return {
-            **self.suite_numbers(flat, state),
-            **self.suite_goal_pictures(state),
-            **{key: pictures[key] for key in self._task.pictures.by_name},
+    def suite_numbers(self, present: Present) -> dict[str, NDArray]:
+        """Returns an observation of the suite's own environment without pictures, which need not be taken."""
+        goals = {
+            f"{key}/{task}": part
+            for key, term in self._mdp.goal_observations.items()
+            for task, part in self._mdp.goals.split(_read(term, present)).items()
         }
+        requests = {key: _read(term, present) for key, term in self._mdp.request_observations.items()}
+        return {**self.split(present.flat), **goals, **requests}
+
+    def suite_observation(self, present: Present) -> dict[str, NDArray]:
+        """Returns an observation of the suite's own environment, pictures last."""
+        goal_pictures = self._goal_pictures(present.state).items()
+        return {
+            **self.suite_numbers(present),
+            **{f"{GOAL_PIXELS}/{camera}": picture for camera, picture in goal_pictures},
+            **{key: present.pictures[key] for key in self._task.pictures.by_name},
+        }
+
+
+def goal_keys(task: SuiteTask) -> list[str]:
+    """Returns the keys of the goals in the suite's own observation of a task; none in a domain without goals."""
+    return [f"{key}/{name}" for key in task.mdp.goal_observations for name in task.mdp.goals.tasks]
+
+
+def disable_copies(task: SuiteTask) -> None:
+    """Disables the observables of goals and requests, which are read from the MDP: faster than one for each task."""
+    copies = (*goal_keys(task), *task.mdp.request_observations)
+    for key, part in task.task_observables.items():
+        if key in copies or key.startswith(f"{GOAL_PIXELS}/"):
+            part.enabled = False
+
+
+def _box(term: Observation, shape: tuple[int, ...]) -> spaces.Box:
+    return spaces.Box(term.minimum, term.maximum, shape, np.float64)
+
+
+def _read(term: Observation, present: Present) -> NDArray[np.float64]:
+    """Returns what a term of the MDP reads, in a fresh array."""
+    return np.array(term.read(present.simulation, present.state))
 
 
 def picture_key(camera: str) -> str:
@@ -243,8 +308,8 @@ def picture_part(by_camera: Mapping[str, Picture]) -> Part:
     }
     if len(by_camera) == 1:
         ((key, picture),) = by_camera.items()
-        return Part(boxes[key], lambda flat, state, pictures: pictures[picture.key])
+        return Part(boxes[key], lambda present: present.pictures[picture.key])
     return Part(
         spaces.Dict([*boxes.items()]),
-        lambda flat, state, pictures: {key: pictures[each.key] for key, each in by_camera.items()},
+        lambda present: {key: present.pictures[each.key] for key, each in by_camera.items()},
     )

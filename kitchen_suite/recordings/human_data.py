@@ -21,6 +21,7 @@ from tqdm import tqdm
 from kitchen_suite import checks, files
 from kitchen_suite.entities import Scene
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
+from kitchen_suite.gymnasium_env.observations import Present
 from kitchen_suite.recordings.d4rl_file import POSITIONS
 from kitchen_suite.recordings.exports import record_file
 from kitchen_suite.recordings.formats import find_source
@@ -31,7 +32,7 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.settings import FAILURE, USAGE
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
-from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS, ROUNDING, SIZE, KitchenReading
+from kitchen_suite.tasks.kitchen.observation import FRANKA_PARTS, ROUNDING, SIZE, KitchenReading
 from kitchen_suite.tasks.kitchen.requests import in_order, order_of
 from kitchen_suite.tasks.records import Metrics
 from kitchen_suite.versions import installed_versions
@@ -185,8 +186,14 @@ def convert(
       The episode; its metrics, without success where it completes nothing; and the tasks that it completes, in order.
     """
     task: KitchenTask = environment.composer_task
-    mdp, observe = task.mdp, environment.observations
-    robot, objects = (demonstration.observations[:, part] for part in (ROBOT_POSITIONS, OBJECT_POSITIONS))
+    mdp = task.mdp
+
+    def observe(number: int, state: KitchenState) -> Any:
+        flat = demonstration.observations[number]
+        return environment.observations(Present(flat, task.simulation, state, pictures={}))
+
+    robot = demonstration.observations[:, FRANKA_PARTS.robot_positions]
+    objects = demonstration.observations[:, FRANKA_PARTS.object_positions]
     # The achieved goals `(T + 1, k)`: those recorded, or else the positions observed.
     goals = {name: GOALS[name] for name in task.policy_inputs.tasks}
     observed = {name: objects[:, task.scene.elements(goal.prop, goal.joints)] for name, goal in goals.items()}
@@ -197,13 +204,13 @@ def convert(
     order, noise = order_of(in_order(first), first.size), np.zeros(mdp.noise_draws)
     readings = [KitchenReading(*rows) for rows in zip(robot, achieved, strict=True)]
     state = mdp.with_request(mdp.initial_state(readings[0], noise), order)
-    buffer = EpisodeBuffer(observe(demonstration.observations[0], state, {}), _info(task, state, 0))
+    buffer = EpisodeBuffer(observe(0, state), _info(task, state, 0))
     for step, action in enumerate(demonstration.actions, start=1):
         reading = readings[step]
         state = mdp.step(state, action=action, target=reading.positions, reading=reading, draws=noise)
         is_last = step == len(demonstration.actions)
         outcome = Step(np.asarray(action, np.float32), float(mdp.reward(state)), termination=False, truncation=is_last)
-        buffer.add(outcome, observe(demonstration.observations[step], state, {}), _info(task, state, step))
+        buffer.add(outcome, observe(step, state), _info(task, state, step))
     completed = task.requests.tasks_in(order)
     instruction = task.requests.instructions_in(order)[0] if completed else ""
     episode = EpisodeArrays(index=index, seed=None, arrays=buffer.arrays(), instruction=instruction)

@@ -24,6 +24,7 @@ from kitchen_suite import checks
 from kitchen_suite.environment.edits import ModelSnapshot
 from kitchen_suite.environment.seeds import checked_stride
 from kitchen_suite.gymnasium_env.base import INSTRUCTION, RESET_MASK, STATE, VARIATION, VARIATION_VALUES, SuiteEnv
+from kitchen_suite.gymnasium_env.observations import Present
 from kitchen_suite.rendering.cameras import CameraParameters
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.episodes import BatchEpisodes, BatchPictures
@@ -239,17 +240,17 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
 
     def _get_obs(self) -> Any:
         """Returns the observations of all environments, in fresh arrays."""
-        return self._observations(*self._parts())
+        return self._observations(self._present(self._pictures.take()))
 
     @property
     def present_observation(self) -> dict[str, NDArray]:
         """The present observations as the suite's own, whatever the observation type, with a leading axis."""
-        return self._observations.suite_observation(*self._parts())
+        return self._observations.suite_observation(self._present(self._pictures.take()))
 
     @property
     def present_numbers(self) -> dict[str, NDArray]:
         """The present observations without pictures, which are not rendered; otherwise as `present_observation`."""
-        return self._observations.suite_numbers(self._episodes.observation(), self._episodes.state.mdp_state)
+        return self._observations.suite_numbers(self._present({}))
 
     def camera_parameters(self, camera: str, width: int, height: int) -> CameraParameters:
         """Returns the parameters of a camera in all environments, those of `SuiteEnv`, with a leading axis."""
@@ -261,9 +262,10 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
             each.append(self.template_of(i).camera_parameters(camera, width, height))
         return CameraParameters(*map(np.stack, zip(*each, strict=True)))
 
-    def _parts(self) -> tuple[NDArray, Any, dict[str, NDArray]]:
-        """Returns the flat observations, the MDP's state, and the pictures, in fresh arrays."""
-        return self._episodes.observation(), self._episodes.state.mdp_state, self._pictures.take()
+    def _present(self, pictures: Mapping[str, NDArray]) -> Present:
+        """Returns the present step of all environments, with some pictures, in fresh arrays."""
+        episodes = self._episodes
+        return Present(episodes.observation(), episodes.simulation, episodes.state.mdp_state, pictures)
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the infos of all environments but those on the variation, in fresh arrays with a leading axis."""

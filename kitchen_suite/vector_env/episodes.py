@@ -47,6 +47,7 @@ class BatchEpisodes:
 
     Attributes:
       batch: the simulations.
+      simulation: access to their fields; arrays with a leading axis `(n,)`.
       state: states of the episodes; arrays with a leading axis `(n,)`.
       streams: random streams of the episodes.
       steps: `(n,)`, control steps of the episodes.
@@ -88,9 +89,9 @@ class BatchEpisodes:
             stages.append(mujoco.mjtStage.mjSTAGE_VEL)
         self._stage = max(map(int, stages))
         models = [each.physics.model.ptr for each in environments]
-        self.batch, self._simulation = make_simulations([each.physics for each in environments], threads)
+        self.batch, self.simulation = make_simulations([each.physics for each in environments], threads)
         self._stepper = Stepper(
-            self._mdp, self._simulation, self._task.pusher, self._observations, self._task.extra_terminations
+            self._mdp, self.simulation, self._task.pusher, self._observations, self._task.extra_terminations
         )
         randomizer = self._task.variations.randomizer
         self._model_fields: dict[str, Any] = {
@@ -223,14 +224,14 @@ class BatchEpisodes:
         """
         mdp, everyone = self._mdp, bool(stepping.all())
         acting = self._stepper.act(self.state, actions, self._draw_actions(stepping))
-        self._simulation.write("ctrl", mdp.sensors.ctrl, acting.ctrl)
+        self.simulation.write("ctrl", mdp.sensors.ctrl, acting.ctrl)
         self.batch.step(None if everyone else stepping, self._physics_steps, self._stage)
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
         everyone, alive = everyone and not diverged.any(), stepping & ~diverged
         self._draw_noise(alive)
         if self._extras:
-            self._extra_values = self._extras.read(self._simulation)
-        after = self._stepper.observe(self.state, acting, self._sensors.read(self._simulation), self._draws)
+            self._extra_values = self._extras.read(self.simulation)
+        after = self._stepper.observe(self.state, acting, self._sensors.read(self.simulation), self._draws)
         self._draw_noise_of_observations(after, alive)
         self.state = after if everyone else after.persisting(mdp.persistent, self.state.mdp_state, ~alive)
         self.steps += stepping
@@ -265,7 +266,7 @@ class BatchEpisodes:
 
     def observation(self) -> NDArray:
         """Returns the flat observations `(n, m)`: of the MDP, extra observables and observations; a fresh array."""
-        flat, measured = self._mdp.observation(self._simulation, self.state.mdp_state), self.state.measured
+        flat, measured = self._mdp.observation(self.simulation, self.state.mdp_state), self.state.measured
         extras = [self._extra_values] if self._extras else []
         own = [] if measured is None else self._observations.flat(measured)
         if not extras and not own:

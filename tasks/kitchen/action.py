@@ -16,7 +16,7 @@ from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
 from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
-from kitchen_suite.tasks.kitchen.observation import ROBOT_POSITIONS
+from kitchen_suite.tasks.kitchen.observation import FRANKA_PARTS
 from kitchen_suite.tasks.simulation import Simulation
 
 PHYSICS_TIMESTEP = 0.002  # [s]
@@ -113,13 +113,13 @@ def feedback_positions(state: KitchenState, feedback: str) -> Array:
         return state.target
     if feedback == "true":
         return state.positions
-    return state.positions + state.noise[..., ROBOT_POSITIONS]
+    return state.positions + state.noise[..., FRANKA_PARTS.robot_positions]
 
 
 def _observed_target(timestep: float, state: NDArray, action: NDArray) -> Array:
     """Returns the targets `(9,)` of `joint_velocity`, with its defaults, given the observed state [rad, m]."""
     scale, action = JointVelocity().velocity_scale, np.asarray(action, np.float64)
-    return position_target(state[ROBOT_POSITIONS], action, velocity_scale=scale, timestep=timestep)
+    return position_target(state[FRANKA_PARTS.robot_positions], action, velocity_scale=scale, timestep=timestep)
 
 
 def position_target(positions: Array, action: Array, *, velocity_scale: float, timestep: float) -> Array:

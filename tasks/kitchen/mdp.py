@@ -14,6 +14,7 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import (
+    GOAL_STATES,
     REQUESTED,
     REQUESTED_ORDER,
     Request,
@@ -23,8 +24,7 @@ from kitchen_suite.tasks.kitchen.requests import (
 )
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, task_shares
 from kitchen_suite.tasks.mdp import MDP
-from kitchen_suite.tasks.simulation import Simulation
-from kitchen_suite.tasks.terms import Transition
+from kitchen_suite.tasks.terms import Observation, Transition
 
 # Names of the terms of the sparse reward, which follow from the completions and are not saved.
 _SPARSE = REWARDS["sparse"].keys()
@@ -273,8 +273,53 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             after = after._replace(shaping=shaping)
         return KitchenTransition(self, attempted, state, action, target, after)
 
-    def observation(self, simulation: Simulation, state: KitchenState) -> Array:
-        return self.sensors.observed(simulation) + state.noise
+    @functools.cached_property
+    def observations(self) -> Mapping[str, Observation]:
+        return self.sensors.observations
+
+    @functools.cached_property
+    def goal_observations(self) -> Mapping[str, Observation]:
+        """The achieved and the desired goals, `(..., k)` each [rad, m, quaternion]; no noise."""
+        return {
+            "achieved_goal": Observation(lambda simulation, state: state.achieved),
+            "desired_goal": Observation(
+                lambda simulation, state: np.broadcast_to(self.goals.desired, state.achieved.shape)
+            ),
+        }
+
+    @functools.cached_property
+    def request_observations(self) -> Mapping[str, Observation]:
+        """What agents observe of requests; no noise.
+
+        - `goal_states` `(..., 30 k)` [rad, m, quaternion], with `goal_states=k` only: positions of robot and objects
+          that are wanted, end to end.
+        - `requested_tasks` `(..., n)`, with `tasks_per_episode` only: 1 where a task is requested, 0 elsewhere.
+        """
+        terms = {}
+        if self.goal_states:
+            terms[GOAL_STATES] = Observation(lambda simulation, state: state.goal_states)
+        if self.task_draw is not None:
+            terms[REQUESTED] = Observation(
+                lambda simulation, state: self.current_mask(state).astype(np.float64), minimum=0.0, maximum=1.0
+            )
+        return terms
+
+    @property
+    def has_goal_pictures(self) -> bool:
+        return self.goal_states > 0
+
+    def goal_pictures(self, state: KitchenState) -> NDArray[np.uint8]:
+        assert state.goal_pictures is not None, "pictures are observed"
+        return state.goal_pictures
+
+    @functools.cached_property
+    def noisy_observations(self) -> Mapping[str, slice]:
+        """Place of the noise of each of the sensors' observations in that of the state."""
+        return dict(zip(self.sensors.observations, self.sensors.parts, strict=True))
+
+    def corrupted(self, key: str, clean: NDArray, state: KitchenState) -> NDArray:
+        place = self.noisy_observations.get(key)
+        return clean if place is None else clean + state.noise[..., place]
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
         return self.all_completed(state) & self.terminate_on_tasks_completed

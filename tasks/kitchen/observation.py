@@ -1,27 +1,22 @@
 """The kitchen's observation, its noise and its sensors: 59 noisy numbers in four parts, then the goals."""
 
-import collections
-import functools
-import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple, Self
 
 import mujoco
 import numpy as np
 from dm_control import mjcf
-from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite.entities import Scene
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.entities.joints import JointState
 from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
-from kitchen_suite.tasks.observables import joined
 from kitchen_suite.tasks.sensors import SceneIndices
 from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.tasks.terms import Observation, end_to_end
 
 # Amplitudes of the noise [rad, m, rad/s, m/s], 0.1 for the robot. The reference has them from a table for another
 # scene, hence no pattern.
@@ -64,8 +59,8 @@ class Parts(NamedTuple):
     @classmethod
     def of(cls, joints: int) -> Self:
         """Returns the parts for a robot of as many joints."""
-        stops = (0, joints, 2 * joints, 2 * joints + 21, 2 * joints + 41)
-        return cls(*(slice(start, stop) for start, stop in itertools.pairwise(stops)))
+        sizes = {"robot_positions": joints, "robot_velocities": joints, "object_positions": 21, "object_velocities": 20}
+        return cls(**end_to_end(sizes))
 
     @property
     def size(self) -> int:
@@ -84,9 +79,7 @@ class Parts(NamedTuple):
         return MappingProxyType({"robot_noise": slice(0, robot), "object_noise": slice(robot, self.size)})
 
 
-# Those of the Franka.
-ROBOT_POSITIONS, ROBOT_VELOCITIES, OBJECT_POSITIONS, OBJECT_VELOCITIES = FRANKA_PARTS = Parts.of(9)
-
+FRANKA_PARTS = Parts.of(9)
 SIZE = FRANKA_PARTS.size  # Number of elements of the observation, with the Franka.
 
 
@@ -154,81 +147,27 @@ class KitchenSensors:
     def read(self, simulation: Simulation) -> KitchenReading:
         """Returns the positions of the robot's joints, the achieved goals and, if measured, the hand's distances."""
         indices = self.indices
-        positions, achieved = simulation.read("qpos", indices.robot_qpos), simulation.read("qpos", indices.goal_qpos)
+        positions = simulation.read("qpos", indices.robot_qpos)
+        achieved = simulation.read("qpos", indices.goal_qpos)
         if not self.measures_hand:
             return KitchenReading(positions, achieved)
         sites = simulation.read("site_xpos", self._sites)
         hand_distances = np.sqrt(rotations.squared_length(sites[..., 1:, :] - sites[..., :1, :]))
         return KitchenReading(positions, achieved, hand_distances)
 
-    def observed(self, simulation: Simulation) -> Array:
-        """Returns the elements of the observation, `(..., 59)` with the Franka, without noise."""
-        indices = self.indices
-        robot = simulation.read("qpos", indices.robot_qpos), simulation.read("qvel", indices.robot_qvel)
-        objects = simulation.read("qpos", indices.object_qpos), simulation.read("qvel", indices.object_qvel)
-        return np.concatenate([*robot, *objects], axis=-1)
+    @property
+    def observations(self) -> dict[str, Observation]:
+        """The state of the kitchen, by observation key; its noise is the MDP's.
 
-
-class KitchenObservables:
-    """The enabled observables of the kitchen.
-
-    - `franka/joint_positions` `(9,)` [rad, m] and `franka/joint_velocities` `(9,)` [rad/s, m/s]: the robot's own
-      observables; noise by `robot_noise_ratio`.
-    - `object_positions` `(21,)` [rad, m, quaternion] and `object_velocities` `(20,)` [rad/s, m/s]: qpos and qvel of the
-      objects' joints; noise by `object_noise_ratio`.
-    - `achieved_goal/<task>` and `desired_goal/<task>` `(m,)` [rad, m, quaternion]: present positions of the joints that
-      a task's goal is set for, from qpos, and the goal; no noise.
-    - `goal_states` `(30 k,)` [rad, m, quaternion], with `goal_states=k` only: positions of robot and objects that are
-      wanted, end to end; no noise.
-    - `requested_tasks` `(n,)`, with `tasks_per_episode` only: 1 where a task is requested, 0 elsewhere.
-    - `goal_pixels/<camera>` `(height, width, 3)` uint8, with goal states and cameras only: pictures of the last state.
-
-    The task draws the noise of all parts at once and writes it to `noise`, from which each part's corruptor reads.
-
-    Attributes:
-      by_name: the observables by observation key. The robot's own are included to be first in order: composer adds
-        those of the entities after them.
-      noise: `(59,)`, noise of the present observation.
-    """
-
-    def __init__(
-        self,
-        scene: Scene,
-        goals: GoalSet,
-        extra: Mapping[str, observable.Observable],
-        requests: Mapping[str, Callable[[], NDArray]],
-    ) -> None:
-        """Builds the observables.
-
-        Args:
-          scene: the kitchen.
-          goals: the tasks.
-          extra: observables that come between state and goals.
-          requests: functions that return what is observed of the request of an episode, by key, in order.
+        - `franka/joint_positions` `(9,)` [rad, m] and `franka/joint_velocities` `(9,)` [rad/s, m/s]: of the robot's
+          joints, from qpos and qvel; noise by `robot_noise_ratio`.
+        - `object_positions` `(21,)` [rad, m, quaternion] and `object_velocities` `(20,)` [rad/s, m/s]: of the objects'
+          joints, from qpos and qvel; noise by `object_noise_ratio`.
         """
-        where = Parts.of(len(scene.robot.joints))
-        self.noise = np.zeros(where.size)
-        prefix, robot = scene.robot.mjcf_model.full_identifier, scene.robot.observables
-        parts = {
-            f"{prefix}joint_positions": (robot.joint_positions, where.robot_positions),
-            f"{prefix}joint_velocities": (robot.joint_velocities, where.robot_velocities),
-            "object_positions": (JointState("qpos", lambda: scene.object_joints), where.object_positions),
-            "object_velocities": (JointState("qvel", lambda: scene.object_joints), where.object_velocities),
+        robot = self.robot.mjcf_model.full_identifier
+        return {
+            f"{robot}joint_positions": Observation(lambda physics, _: physics.read("qpos", self.indices.robot_qpos)),
+            f"{robot}joint_velocities": Observation(lambda physics, _: physics.read("qvel", self.indices.robot_qvel)),
+            "object_positions": Observation(lambda physics, _: physics.read("qpos", self.indices.object_qpos)),
+            "object_velocities": Observation(lambda physics, _: physics.read("qvel", self.indices.object_qvel)),
         }
-        for part, indices in parts.values():
-            part.corruptor = lambda clean, random_state=None, noise=self.noise[indices]: clean + noise
-        state = {name: part for name, (part, _) in parts.items()}
-        achieved = {
-            f"achieved_goal/{task}": JointState("qpos", functools.partial(goal.joints_in, scene))
-            for task, goal in zip(goals.tasks, goals.goals, strict=True)
-        }
-        desired = {
-            f"desired_goal/{task}": observable.Generic(lambda physics, goal=goal: goal)
-            for task, goal in goals.split(goals.desired).items()
-        }
-        requested = {name: observable.Generic(lambda physics, read=read: read()) for name, read in requests.items()}
-        self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
-            joined(state, extra, achieved, desired, requested)
-        )
-        for part in self.by_name.values():
-            part.enabled = True

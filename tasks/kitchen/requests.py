@@ -27,9 +27,6 @@ START_STATE = "start_state"  # Option of a reset: state of the kitchen at the st
 TASK_ID = "task_id"  # Number of the only task that is requested, from 1.
 RENDER_GOAL = "render_goal"  # Whether infos have a picture of the goal.
 
-# Observation: pictures of the last goal state; in the suite's own environment the beginning of their keys.
-GOAL_PIXELS = "goal_pixels"
-
 _GREATEST = 10.0  # Greatest magnitude of an element of a state of the kitchen in a request.
 
 

@@ -1,7 +1,6 @@
 """The task of the kitchen domain: bring the objects of some tasks to their goals."""
 
-import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,11 +18,11 @@ from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, OUT_OF_REACH, THRESHOLD, Start, build_goals, initial_qpos, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
-from kitchen_suite.tasks.kitchen.observation import ROUNDING, KitchenObservables, KitchenSensors, noise_scale
-from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, REQUESTED, TaskDraw, TaskRequests
+from kitchen_suite.tasks.kitchen.observation import ROUNDING, KitchenSensors, noise_scale
+from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, REQUESTED, TaskDraw, TaskRequests
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
-from kitchen_suite.tasks.observables import Pictures, shown_at
+from kitchen_suite.tasks.observables import shown_at
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.records import Completions, Metrics
 from kitchen_suite.tasks.task import SuiteTask
@@ -168,9 +167,6 @@ class KitchenTask(SuiteTask):
             home=np.array(scene.robot.home),
             correct=self._away_from_goals,
         )
-        requests = _request_readers(mdp, self.pictures, lambda: self.state)
-        self._observables = KitchenObservables(scene, goal_set, self.extra_observables, requests)
-        self.observed = self._observables.by_name
         state_size = mdp.noise_scale.size + self.extra_size
         goal_size = 2 * goal_set.desired.size + mdp.initial_qpos.size * goal_states
         objects = range(mdp.noise_scale.size)[sensors.parts.object_positions]
@@ -288,14 +284,14 @@ class KitchenTask(SuiteTask):
         return goals.tasks, within if requested is None else within & (requested > 0)
 
     def is_initial(self, physics: mjcf.Physics, observation: Array) -> bool:
-        present = self.mdp.sensors.observed(self._simulation)
+        present = self.mdp.clean_observation(self.simulation, self.state)
         greatest = self.episode.scaled(self.mdp.noise_scale)
         return bool((np.abs(observation - present) <= greatest + ROUNDING).all())
 
     def restore(self, physics: mjcf.Physics, observation: Array) -> None:
         self.mdp.sensors.indices.write(physics, observation)
         self.mdp.sensors.refresh(physics)
-        reading = self.mdp.sensors.read(self._simulation)
+        reading = self.mdp.sensors.read(self.simulation)
         self.set_mdp_state(
             self.state._replace(
                 positions=reading.positions,
@@ -350,9 +346,9 @@ class KitchenTask(SuiteTask):
 
     def _away_from_goals(self, values: Values) -> Values:
         """Returns values with which props that start near a requested goal, or out of bounds, start as by default."""
-        goals, achieved = self.mdp.goals, self.mdp.sensors.read(self._simulation).achieved
+        goals, achieved = self.mdp.goals, self.mdp.sensors.read(self.simulation).achieved
         near = self.mdp.success.within(achieved, factor=START_DISTANCE) & np.isin(goals.tasks, self.requests.tasks)
-        qpos = self._simulation.read("qpos", slice(None))
+        qpos = self.simulation.read("qpos", slice(None))
         props = {GOALS[task].prop for task in goals.names(near)}
         props |= {start.prop for start in self._requested_starts() if not start.allows(qpos)}
         if not props:
@@ -373,22 +369,9 @@ class KitchenTask(SuiteTask):
         self.set_mdp_state(from_dict(state))
 
     def publish(self, physics: mjcf.Physics | None) -> None:
-        """Updates observation noise and colours."""
-        self._observables.noise[:] = self.state.noise
+        """Updates the colours of objects."""
         if self._visualize_reward:
             self._highlighting.update(self.state.progress.within)
-
-
-def _request_readers(mdp: KitchenMDP, pictures: Pictures, state: Callable[[], Any]) -> dict[str, Callable[[], NDArray]]:
-    """Returns functions that return what is observed of the request of the present episode, by key, in order."""
-    readers: dict[str, Callable[[], NDArray]] = {}
-    if mdp.goal_states:
-        readers[GOAL_STATES] = lambda: state().goal_states
-    if mdp.task_draw is not None:
-        readers[REQUESTED] = lambda: mdp.current_mask(state()).astype(np.float64)
-    for place, picture in enumerate(pictures.colour if mdp.goal_states else ()):
-        readers[f"{GOAL_PIXELS}/{picture.camera}"] = functools.partial(lambda i: state().goal_pictures[i], place)
-    return readers
 
 
 def _policy_names(mdp: KitchenMDP, reward: str, *, sees: bool) -> tuple[str, ...]:

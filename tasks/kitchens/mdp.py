@@ -6,8 +6,7 @@ kitchen is part of the state, so that one MDP steps episodes in many kitchens to
 
 import dataclasses
 import functools
-import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
@@ -27,26 +26,20 @@ from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shares, covered
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.simulation import Columns, Simulation, as_columns
-from kitchen_suite.tasks.terms import Transition
+from kitchen_suite.tasks.terms import Observation, Transition, end_to_end
 
 OPEN = 0.75  # Opening from which a part counts as open or on, as a share.
 CLOSED = 0.15  # Opening up to which a part counts as closed or off, as a share.
 
 
-def _end_to_end(**sizes: int) -> Mapping[str, slice]:
-    """Returns the places of parts of some sizes in an array that holds them end to end."""
-    stops = itertools.accumulate(sizes.values())
-    return MappingProxyType(
-        {name: slice(stop - size, stop) for (name, size), stop in zip(sizes.items(), stops, strict=True)}
-    )
-
-
 # Elements of a slot in the observation.
-SLOT_PARTS = _end_to_end(kind=6, position=3, offset=3, into=3, along=3, opening=1, goal=1, requested=1)
+SLOT_PARTS = end_to_end(
+    {"kind": 6, "position": 3, "offset": 3, "into": 3, "along": 3, "opening": 1, "goal": 1, "requested": 1}
+)
 SLOT_SIZE = SLOT_PARTS["requested"].stop
 
 # Parts of the flat observation, which ends earlier where fewer slots are observed.
-PARTS = _end_to_end(joint_positions=9, joint_velocities=9, hand_pose=9, slots=MAX_PARTS * SLOT_SIZE)
+PARTS = end_to_end({"joint_positions": 9, "joint_velocities": 9, "hand_pose": 9, "slots": MAX_PARTS * SLOT_SIZE})
 SIZE = PARTS["slots"].stop
 
 
@@ -61,9 +54,11 @@ _HANDLE_AMPLITUDE = 0.2  # Of handles [m].
 _OPENING_AMPLITUDE = 0.5  # Of openings, as a share.
 
 # Parts of the noise.
-_ROBOT, _HANDLES, _OPENINGS = _end_to_end(robot=18, handles=3 * MAX_PARTS, openings=MAX_PARTS).values()
-NOISE_SIZE = _OPENINGS.stop
-NOISE_PARTS = MappingProxyType({"robot_noise": _ROBOT, "object_noise": slice(_HANDLES.start, NOISE_SIZE)})
+_NOISE = end_to_end({"positions": 9, "velocities": 9, "handles": 3 * MAX_PARTS, "openings": MAX_PARTS})
+NOISE_SIZE = _NOISE["openings"].stop
+NOISE_PARTS = MappingProxyType(
+    {"robot_noise": slice(0, _NOISE["handles"].start), "object_noise": slice(_NOISE["handles"].start, NOISE_SIZE)}
+)
 
 _SPARSE = REWARDS["sparse"].keys()
 
@@ -426,30 +421,15 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         """Returns which parts `(..., K)` are where a goal asks them to be."""
         return np.where(goal > 0.5, openings >= OPEN, openings <= CLOSED)
 
-    def observation(self, simulation: Simulation, state: KitchensState) -> NDArray[np.float32]:
-        """Returns the flat observation `(..., m)`: parts as in `PARTS`; the slots of requested parts come first."""
-        noise, hand = state.noise, state.hand
-        position = state.handles[..., :3] + noise[..., _HANDLES].reshape(*noise.shape[:-1], MAX_PARTS, 3)
-        slots = np.concatenate(
-            [
-                state.slots.kind,
-                position - robot_base(),
-                position - hand[..., np.newaxis, :3],
-                state.handles[..., 3:],
-                (state.openings + noise[..., _OPENINGS])[..., np.newaxis],
-                state.goal[..., np.newaxis],
-                state.requested[..., np.newaxis],
-            ],
-            axis=-1,
-        )
-        slots = slots * state.slots.kind.max(axis=-1, keepdims=True)
-        # Requested parts in their order, then the others in that of the design.
-        places = np.where(state.requested, state.order, MAX_PARTS)
-        first = np.argsort(places, axis=-1, kind="stable")[..., : self.num_slots]
-        slots = np.take_along_axis(slots, first[..., np.newaxis], axis=-2)
-        joints = np.concatenate([state.positions, state.velocities], axis=-1) + noise[..., _ROBOT]
-        parts = (joints, hand[..., :3] - robot_base(), hand[..., _TWO_COLUMNS], slots.reshape(*slots.shape[:-2], -1))
-        return np.concatenate(parts, axis=-1, dtype=np.float32, casting="same_kind")
+    @functools.cached_property
+    def observations(self) -> Mapping[str, Observation]:
+        """Joints, hand, and slots of parts, those of requested ones first; in single precision, with their noise."""
+        return {
+            "joint_positions": _single(lambda state: state.positions + state.noise[..., _NOISE["positions"]]),
+            "joint_velocities": _single(lambda state: state.velocities + state.noise[..., _NOISE["velocities"]]),
+            "hand_pose": _single(_hand_pose),
+            "slots": _single(lambda state: _observed_slots(state, self.num_slots)),
+        }
 
     def terminates(self, state: KitchensState) -> NDArray[np.bool_]:
         return self.all_completed(state) & self.terminates_when_complete
@@ -477,13 +457,48 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         return infos
 
 
+def _single(read: Callable[[KitchensState], Array]) -> Observation:
+    """Returns the observation of what is read of a state, in single precision."""
+    return Observation(lambda simulation, state: read(state).astype(np.float32))
+
+
+def _hand_pose(state: KitchensState) -> Array:
+    """Returns the position `(..., 3)` of the hand relative to the robot's base, and two columns of its rotation."""
+    return np.concatenate([state.hand[..., :3] - robot_base(), state.hand[..., _TWO_COLUMNS]], axis=-1)
+
+
+def _observed_slots(state: KitchensState, count: int) -> Array:
+    """Returns the elements of a number of slots `(..., m)`, end to end: those of requested parts come first."""
+    noise = state.noise
+    position = state.handles[..., :3] + noise[..., _NOISE["handles"]].reshape(*noise.shape[:-1], MAX_PARTS, 3)
+    slots = np.concatenate(
+        [
+            state.slots.kind,
+            position - robot_base(),
+            position - state.hand[..., np.newaxis, :3],
+            state.handles[..., 3:],
+            (state.openings + noise[..., _NOISE["openings"]])[..., np.newaxis],
+            state.goal[..., np.newaxis],
+            state.requested[..., np.newaxis],
+        ],
+        axis=-1,
+    )
+    slots = slots * state.slots.kind.max(axis=-1, keepdims=True)
+    # Requested parts in their order, then the others in that of the design.
+    places = np.where(state.requested, state.order, MAX_PARTS)
+    first = np.argsort(places, axis=-1, kind="stable")[..., :count]
+    slots = np.take_along_axis(slots, first[..., np.newaxis], axis=-2)
+    return slots.reshape(*slots.shape[:-2], -1)
+
+
 _TWO_COLUMNS = np.array([3, 6, 9, 4, 7, 10])  # The first two columns of a rotation matrix after a position.
 
 
 def noise_scale(*, robot_ratio: float, object_ratio: float) -> Array:
     """Returns the greatest noise `(82,)` of joints, handles and openings, each in its unit."""
     scale = np.full(NOISE_SIZE, robot_ratio * _ROBOT_AMPLITUDE)
-    scale[_HANDLES], scale[_OPENINGS] = object_ratio * _HANDLE_AMPLITUDE, object_ratio * _OPENING_AMPLITUDE
+    scale[_NOISE["handles"]] = object_ratio * _HANDLE_AMPLITUDE
+    scale[_NOISE["openings"]] = object_ratio * _OPENING_AMPLITUDE
     return scale
 
 

@@ -1,12 +1,10 @@
 """The task of the kitchens domain: open, close, turn on, turn off and move parts of a generated kitchen."""
 
-import functools
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from dm_control import mjcf
-from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
@@ -20,8 +18,7 @@ from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, checked_order, in_order, order_of
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchens.certificates import certificate_of
-from kitchen_suite.tasks.kitchens.mdp import PARTS, KitchensMDP, KitchensState, SlotSensors, noise_scale, size
-from kitchen_suite.tasks.observables import joined
+from kitchen_suite.tasks.kitchens.mdp import KitchensMDP, KitchensState, SlotSensors, noise_scale, size
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.records import Completions, Metrics
@@ -241,10 +238,6 @@ class KitchensTask(SuiteTask):
         self.requests = PartRequests(scene, names, tasks_per_episode, mdp.num_slots, allowed)
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
         self.vary(handles=handles, home=HOME)
-        parts = {name: observable.Generic(functools.partial(self._part, part)) for name, part in PARTS.items()}
-        for part in parts.values():
-            part.enabled = True
-        self.observed = joined(parts, self.extra_observables)
         state_size = size(mdp.num_slots) + self.extra_size
         self.policy_inputs = PolicyInputs(names=(type(self).__name__,), state_size=state_size)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
@@ -327,14 +320,10 @@ class KitchensTask(SuiteTask):
         self.set_mdp_state(KitchensState.from_dict(state, self.state.slots))
 
     def publish(self, physics: mjcf.Physics | None) -> None:
-        """Updates the observation and, given a physics, the colours."""
-        self._observation = self.mdp.observation(self._simulation, self.state)
+        """Updates the colours, given a physics."""
         if self._visualize_reward and physics is not None:
             within = self.state.progress.within[: len(self._parts)]
             self._highlighting.update(within.tolist())
-
-    def _part(self, part: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
-        return self._observation[part]
 
 
 def _verb(part: Part, opens: bool) -> str:

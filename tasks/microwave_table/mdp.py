@@ -1,6 +1,7 @@
 """The microwave_table domain's Markov decision process: observation, reward, success."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
@@ -13,22 +14,16 @@ from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.sensors import FeatureSensors
 from kitchen_suite.tasks.simulation import Simulation
-from kitchen_suite.tasks.terms import RewardTerm, Transition
+from kitchen_suite.tasks.terms import Observation, RewardTerm, Transition, end_to_end
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]
 
-# Slice of each part in the flat observation. Units: rad and m, rad/s and m/s; m; rad; rad/s.
-PARTS: Mapping[str, slice] = MappingProxyType(
-    {
-        "joint_positions": slice(0, 9),
-        "joint_velocities": slice(9, 18),
-        "handle_offset": slice(18, 21),
-        "door_position": slice(21, 22),
-        "door_velocity": slice(22, 23),
-    }
+# Place of each part in the flat observation. Units: rad and m, rad/s and m/s; m; rad; rad/s.
+PARTS = end_to_end(
+    {"joint_positions": 9, "joint_velocities": 9, "handle_offset": 3, "door_position": 1, "door_velocity": 1}
 )
-SIZE = 23
+SIZE = PARTS["door_velocity"].stop
 
 # Angle of the open door [rad].
 OPEN_ANGLE = -0.75
@@ -42,12 +37,14 @@ class MicrowaveTableState(NamedTuple):
 
     Attributes:
       observation: `(..., 23)`, parts as in `PARTS`.
+      target: `(..., 9)`, last targets of the actuators [rad, m].
       terms: `(...)` each, the terms of the last step's reward by name.
       is_success: `(...)`, whether the door is within the threshold of its goal now.
       succeeded: `(...)`, whether it has been after some step.
     """
 
     observation: Array
+    target: Array
     terms: dict[str, Array]
     is_success: NDArray[np.bool_]
     succeeded: NDArray[np.bool_]
@@ -102,15 +99,21 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
 
     def initial_state(self, reading: Array, draws: Array) -> MicrowaveTableState:
         axes = reading.shape[:-1]
-        return self._state(reading, np.zeros(axes, bool))._replace(terms=self.no_reward(axes))
+        target = reading[..., self.sensors.indices["joint_positions"]].copy()
+        return self._state(reading, target, np.zeros(axes, bool))._replace(terms=self.no_reward(axes))
 
     def transition(
         self, state: MicrowaveTableState, *, action: Array, target: Array, reading: Array, draws: Array
     ) -> Transition:
-        return Transition(state, action, target, self._state(reading, state.succeeded))
+        return Transition(state, action, target, self._state(reading, target, state.succeeded))
 
-    def observation(self, simulation: Simulation, state: MicrowaveTableState) -> NDArray[np.float32]:
-        return state.observation.astype(np.float32)
+    @functools.cached_property
+    def observations(self) -> Mapping[str, Observation]:
+        return {key: Observation(functools.partial(self._part, place)) for key, place in PARTS.items()}
+
+    @staticmethod
+    def _part(place: slice, simulation: Simulation, state: MicrowaveTableState) -> NDArray[np.float32]:
+        return state.observation[..., place].astype(np.float32)
 
     def terminates(self, state: MicrowaveTableState) -> NDArray[np.bool_]:
         return np.zeros(state.is_success.shape, bool)
@@ -124,10 +127,10 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
             "success_at_any_time": np.array(state.succeeded),
         }
 
-    def _state(self, reading: Array, succeeded: NDArray[np.bool_]) -> MicrowaveTableState:
-        """Returns the state without reward for sensor values, and whether `(...)` the door was open before."""
+    def _state(self, reading: Array, target: Array, succeeded: NDArray[np.bool_]) -> MicrowaveTableState:
+        """Returns the state without reward; `succeeded` is whether `(...)` the door was open before."""
         read = {name: reading[..., part] for name, part in self.sensors.indices.items()}
         parts = {**read, "handle_offset": read["handle_position"] - read["tcp_position"]}
         is_success = np.abs(read["door_position"][..., 0] - OPEN_ANGLE) < self.threshold
         observation = np.concatenate([parts[name] for name in PARTS], axis=-1)
-        return MicrowaveTableState(observation, {}, is_success, succeeded | is_success)
+        return MicrowaveTableState(observation, target, {}, is_success, succeeded | is_success)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from dm_control import mjcf
-from dm_control.composer.observation import observable
 
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
@@ -19,12 +18,10 @@ from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
     OPEN_ANGLE,
-    PARTS,
     REWARDS,
     SIZE,
     MicrowaveTableMDP,
 )
-from kitchen_suite.tasks.observables import joined
 from kitchen_suite.tasks.opening import OpeningTask
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PUSH
@@ -126,12 +123,6 @@ class MicrowaveTableTask(OpeningTask):
             home=DEFAULT_POSE,
             correct=self._away_from_goal,
         )
-        parts = {
-            name: observable.Generic(lambda physics, part=part: self._observation[part]) for name, part in PARTS.items()
-        }
-        for part in parts.values():
-            part.enabled = True
-        self.observed = joined(parts, self.extra_observables)
         self.policy_inputs = PolicyInputs(names=(type(self).__name__,), state_size=SIZE + self.extra_size)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
@@ -144,7 +135,7 @@ class MicrowaveTableTask(OpeningTask):
 
     def _away_from_goal(self, values: Values) -> Values:
         """Returns values with which the door does not start nearly open."""
-        door = self._simulation.read("qpos", self._indices.object_qpos)
+        door = self.simulation.read("qpos", self._indices.object_qpos)
         is_near = self._goals.distances(door) < START_DISTANCE * self.mdp.threshold
         if "microwave/door" not in values or not is_near.any():
             return values
@@ -159,8 +150,7 @@ class MicrowaveTableTask(OpeningTask):
         data.ctrl[self._indices.ctrl] = pose
 
     def publish(self, physics: mjcf.Physics | None) -> None:
-        """Updates the observation and, given a physics, the door's colour."""
-        self._observation = self.mdp.observation(self._simulation, self.state)
+        """Updates the door's colour, given a physics."""
         if self._visualize_reward and physics is not None:
             self._highlighting.update([bool(self.state.is_success)])
 

@@ -11,25 +11,30 @@ from numpy.typing import ArrayLike
 from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.sensors import FeatureSensors
+from kitchen_suite.tasks.terms import end_to_end
 
 _HOLD_DISTANCE = 0.03  # Greatest distance of the hand from the handle that it holds [m].
 
-# Index of each part in `Features.values`; a part with an integer instead of a slice has no axis.
+# Sizes of the parts that are vectors.
+_VECTORS = {
+    "joint_positions": 9,
+    "joint_velocities": 9,
+    "tcp_position": 3,
+    "tcp_quaternion": 4,
+    "handle_position": 3,
+    "handle_quaternion": 4,
+}
+
+# The parts that are numbers, which have no axis.
+_SCALARS = ("left_pad_height", "right_pad_height", "drawer_position", "drawer_velocity")
+
+_PLACES = end_to_end({**_VECTORS, **dict.fromkeys(_SCALARS, 1)})
+
+# Index of each part in `Features.values`: a slice of vectors, an integer of numbers.
 FEATURE_INDICES: Mapping[str, slice | int] = MappingProxyType(
-    {
-        "joint_positions": slice(0, 9),
-        "joint_velocities": slice(9, 18),
-        "tcp_position": slice(18, 21),
-        "tcp_quaternion": slice(21, 25),
-        "handle_position": slice(25, 28),
-        "handle_quaternion": slice(28, 32),
-        "left_pad_height": 32,
-        "right_pad_height": 33,
-        "drawer_position": 34,
-        "drawer_velocity": 35,
-    }
+    {name: place.start if name in _SCALARS else place for name, place in _PLACES.items()}
 )
-FEATURES_SIZE = 36
+FEATURES_SIZE = _PLACES["drawer_velocity"].stop
 
 _HEIGHT = slice(2, 3)
 
@@ -121,7 +126,5 @@ class OpenCabinetSensors(FeatureSensors):
 
     def bind(self, physics: mjcf.Physics) -> None:
         super().bind(physics)
-        expected = {name: np.arange(FEATURES_SIZE)[index].ravel().tolist() for name, index in FEATURE_INDICES.items()}
-        found = {name: np.arange(FEATURES_SIZE)[index].tolist() for name, index in self.indices.items()}
-        if found != expected:
-            raise ValueError(f"the sensors read the features {found}, which must be {expected}")
+        if self.indices != _PLACES:
+            raise ValueError(f"the sensors read the features {self.indices}, which must be {dict(_PLACES)}")

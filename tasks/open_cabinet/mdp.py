@@ -2,7 +2,8 @@
 
 import dataclasses
 import functools
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,10 @@ from numpy.typing import NDArray
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.open_cabinet.features import FEATURE_INDICES, Features, OpenCabinetSensors, scalars
-from kitchen_suite.tasks.open_cabinet.observation import SIZE, clipped, observe
+from kitchen_suite.tasks.open_cabinet.observation import LIMIT, SIZE, SLICES, clipped, observe
 from kitchen_suite.tasks.open_cabinet.reward import Grip, grip, succeeds, terminates
 from kitchen_suite.tasks.simulation import Simulation
-from kitchen_suite.tasks.terms import Transition
+from kitchen_suite.tasks.terms import Observation, Transition
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]
@@ -24,8 +25,10 @@ class OpenCabinetState(NamedTuple):
 
     Attributes:
       features: `(..., 36)`, values of the present `Features`.
-      observation: `(..., 25)`, the observation without noise, not yet clipped.
+      observation: `(..., 25)`, the observation without noise, in single precision and clipped.
+      noisy_observation: `(..., 25)`, the observation with noise, likewise.
       noise: `(..., 25)`, noise of the observation.
+      target: `(..., 9)`, last targets of the actuators [rad, m].
       previous_action: `(..., 8)`, action of the last step.
       terms: `(...)` each, the terms of the last step's reward by name.
       terminates: `(...)`, whether the last step terminated the episode.
@@ -34,8 +37,10 @@ class OpenCabinetState(NamedTuple):
     """
 
     features: Array
-    observation: Array
+    observation: NDArray[np.float32]
+    noisy_observation: NDArray[np.float32]
     noise: Array
+    target: Array
     previous_action: Array
     terms: dict[str, Array]
     terminates: NDArray[np.bool_]
@@ -107,10 +112,11 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
 
     def initial_state(self, reading: Array, draws: Array) -> OpenCabinetState:
         axes = reading.shape[:-1]
+        view = Features(reading)
         return OpenCabinetState(
             features=reading,
-            observation=observe(Features(reading)),
-            noise=self.noise_scale * draws if self.is_noisy else np.zeros((*axes, SIZE)),
+            **self.observed(view, self.noise_scale * draws if self.is_noisy else np.zeros((*axes, SIZE))),
+            target=view.joint_positions.copy(),
             previous_action=np.zeros((*axes, self.action_size)),
             terms=self.no_reward(axes),
             terminates=np.zeros(axes, bool),
@@ -118,14 +124,24 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
             total_steps=np.zeros(axes, np.int64),
         )
 
+    def observed(self, features: Features, noise: Array) -> dict[str, Any]:
+        """Returns the fields of a state that hold the observation, given its noise `(..., 25)`.
+
+        Noise is added before clipping, so that noisy observations keep the range.
+        """
+        values = observe(features)
+        clean = clipped(values)
+        noisy = clipped(values + noise) if self.is_noisy else clean
+        return {"observation": clean, "noisy_observation": noisy, "noise": noise}
+
     def transition(
         self, state: OpenCabinetState, *, action: Array, target: Array, reading: Array, draws: Array
     ) -> OpenCabinetTransition:
         view = Features(reading)
         after = OpenCabinetState(
             features=reading,
-            observation=observe(view),
-            noise=self.noise_scale * draws if self.is_noisy else state.noise,
+            **self.observed(view, self.noise_scale * draws if self.is_noisy else state.noise),
+            target=target,
             previous_action=action,
             terms={},
             terminates=terminates(view),
@@ -137,8 +153,25 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
         step.handle_radius = self.handle_radius
         return step
 
-    def observation(self, simulation: Simulation, state: OpenCabinetState) -> NDArray[np.float32]:
-        return clipped(state.observation + state.noise if self.is_noisy else state.observation)
+    @functools.cached_property
+    def observations(self) -> Mapping[str, Observation]:
+        return {
+            key: Observation(functools.partial(self._part, place), minimum=-LIMIT, maximum=LIMIT)
+            for key, place in SLICES.items()
+        }
+
+    @functools.cached_property
+    def noisy_observations(self) -> Mapping[str, slice]:
+        """Places of the parts that have noise."""
+        return {key: place for key, place in SLICES.items() if self.noise_scale[place].any()}
+
+    @staticmethod
+    def _part(place: slice, simulation: Simulation, state: OpenCabinetState) -> NDArray[np.float32]:
+        return state.observation[..., place]
+
+    def corrupted(self, key: str, clean: NDArray, state: OpenCabinetState) -> NDArray:
+        place = self.noisy_observations.get(key)
+        return clean if place is None else state.noisy_observation[..., place]
 
     def terminates(self, state: OpenCabinetState) -> NDArray[np.bool_]:
         return state.terminates

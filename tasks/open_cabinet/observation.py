@@ -1,17 +1,16 @@
-"""The open_cabinet domain's observation: 25 numbers, as named parts whose concatenation is the flat vector."""
+"""The open_cabinet domain's observation: 25 numbers in named parts, and their noise."""
 
-import collections
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import numpy as np
-from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.control_modes.joints import JOINT_HIGH, JOINT_LOW
-from kitchen_suite.tasks.open_cabinet.features import Features
+from kitchen_suite.tasks.open_cabinet.features import FEATURES_SIZE, Features
+from kitchen_suite.tasks.terms import end_to_end
 
 LIMIT = 5.0  # Observations are clipped to [-LIMIT, LIMIT].
 
@@ -74,17 +73,8 @@ PARTS: Mapping[str, Callable[[Features], Array]] = MappingProxyType(
 )
 
 # Slice of each part in the flat vector.
-SLICES: Mapping[str, slice] = MappingProxyType(
-    {
-        "joint_positions": slice(0, 8),
-        "joint_velocities": slice(8, 16),
-        "handle_offset": slice(16, 19),
-        "handle_orientation_offset": slice(19, 23),
-        "drawer_position": slice(23, 24),
-        "drawer_velocity": slice(24, 25),
-    }
-)
-SIZE = 25
+SLICES = end_to_end({key: compute(Features(np.zeros(FEATURES_SIZE))).size for key, compute in PARTS.items()})
+SIZE = sum(place.stop - place.start for place in SLICES.values())
 
 
 def clipped(values: Array) -> NDArray[np.float32]:
@@ -97,39 +87,17 @@ def observe(features: Features) -> Array:
     return np.concatenate([compute(features) for compute in PARTS.values()], axis=-1)
 
 
-class OpenCabinetObservables:
-    """One enabled observable for each part of the present observation, which the task sets with `update`.
+def noise_scale(widths: Mapping[str, float] | None) -> Array:
+    """Returns the greatest noise `(25,)` of each element, in its unit.
 
-    Attributes:
-      by_name: the observables by observation key, in the order of the flat vector.
-      noise_scale: `(25,)`, greatest noise of each element, in its unit.
+    Args:
+      widths: half widths of the uniform noise by part, in the unit of the part; None for none.
     """
-
-    def __init__(self, noise_widths: Mapping[str, float] | None) -> None:
-        """Builds the observables; those with noise have a corruptor, which returns the noisy part.
-
-        `noise_widths` are half widths of the uniform noise by part, in the unit of the part; `None` for none.
-        """
-        if not isinstance(noise_widths, Mapping | None):
-            shown = checks.shown(noise_widths)
-            raise TypeError(f"observation_noise must map parts of the observation to widths, got {shown}")
-        self.noise_scale = np.zeros(SIZE)
-        for name, width in (noise_widths or {}).items():
-            part = checks.choice(name, PARTS.keys(), "part of the observation")
-            self.noise_scale[SLICES[part]] = checks.number(width, f"observation_noise of {name!r}")
-        self._is_noisy = bool(self.noise_scale.any())
-        self._clean = self._noisy = np.zeros(SIZE, np.float32)
-        self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict()
-        for name, indices in SLICES.items():
-            self.by_name[name] = observable.Generic(lambda physics, indices=indices: self._clean[indices])
-            self.by_name[name].enabled = True
-            if self.noise_scale[indices].any():
-                self.by_name[name].corruptor = lambda clean, random_state, indices=indices: self._noisy[indices]
-
-    def update(self, values: Array, noise: Array) -> None:
-        """Sets the present observation: `values` `(25,)` without noise and not yet clipped, and its `noise` `(25,)`.
-
-        Noise is added before clipping, so that noisy observations keep the range.
-        """
-        self._clean = clipped(values)
-        self._noisy = clipped(values + noise) if self._is_noisy else self._clean
+    if not isinstance(widths, Mapping | None):
+        shown = checks.shown(widths)
+        raise TypeError(f"observation_noise must map parts of the observation to widths, got {shown}")
+    scale = np.zeros(SIZE)
+    for name, width in (widths or {}).items():
+        part = checks.choice(name, PARTS.keys(), "part of the observation")
+        scale[SLICES[part]] = checks.number(width, f"observation_noise of {name!r}")
+    return scale

@@ -13,11 +13,9 @@ from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.highlighting import Highlighting
-from kitchen_suite.tasks.observables import joined
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, OpenCabinetMDP
-from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.reward import REWARDS
 from kitchen_suite.tasks.open_cabinet.variations import VARIED
 from kitchen_suite.tasks.opening import OpeningTask
@@ -97,19 +95,17 @@ class OpenCabinetTask(OpeningTask):
         control, observables = split_options(options, self.control_modes)
         action_mode = make_mode(control_mode, self.control_modes, control)
         (action_size,) = action_mode.spec(scene.robot).shape
-        self._observables = OpenCabinetObservables(observation_noise)
         mdp = OpenCabinetMDP(
             sensors=OpenCabinetSensors(scene, drawer),
             action_mode=action_mode,
             action_size=action_size,
-            noise_scale=self._observables.noise_scale,
+            noise_scale=observation.noise_scale(observation_noise),
             handle_radius=scene.cabinet.config.handle_radius,
             rewards=self.with_extra_rewards(REWARDS[checks.choice(reward, REWARDS, "reward")]),
         )
         self.reward_name = reward
         super().__init__(scene, mdp, **observables)
         self.vary(handles=[scene.cabinet.handle_site(drawer)], home=DEFAULT_POSE)
-        self.observed = joined(self._observables.by_name, self.extra_observables)
         name = f"{drawer}_drawer" + ("" if reward == "original" else f"_{reward}")
         self.policy_inputs = PolicyInputs(names=(name,), state_size=observation.SIZE + self.extra_size)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
@@ -165,17 +161,19 @@ class OpenCabinetTask(OpeningTask):
             "succeeded": bool(state.succeeded),
             "terms": self.reward_terms,
             "noise": state.noise.copy(),
+            "target": state.target.copy(),
             "features": Features(state.features).arrays(),
         }
 
     def restore_state(self, state: Mapping[str, Any]) -> None:
         total_steps = checks.integer(state["total_steps"].item(), "total_steps", minimum=0)
-        start = self.mdp.initial_state(Features.of(**state["features"]).values, np.zeros(self.mdp.noise_draws))
-        arrays = {name: state[name] for name in ("noise", "previous_action", "terms", "terminates", "succeeded")}
-        self.set_mdp_state(start._replace(**arrays, total_steps=np.array(total_steps)))
+        features = Features.of(**state["features"])
+        start = self.mdp.initial_state(features.values, np.zeros(self.mdp.noise_draws))
+        observed = self.mdp.observed(features, state["noise"])
+        arrays = {name: state[name] for name in ("target", "previous_action", "terms", "terminates", "succeeded")}
+        self.set_mdp_state(start._replace(**observed, **arrays, total_steps=np.array(total_steps)))
 
     def publish(self, physics: mjcf.Physics | None) -> None:
-        """Updates the observation and, given a physics, the handle's colour."""
-        self._observables.update(self.state.observation, self.state.noise)
+        """Updates the handle's colour, given a physics."""
         if self._visualize_reward and physics is not None:
             self._highlighting.update([self.is_success])
