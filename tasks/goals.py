@@ -165,11 +165,6 @@ class Progress(NamedTuple):
         """`(...)`, control steps since a task was completed for the first time, or since the reset."""
         return self.step[..., 0] - np.maximum.reduce(self.completion_steps, axis=-1, initial=0)
 
-    @property
-    def all_completed(self) -> NDArray[np.bool_]:
-        """`(...)`, whether all tasks have been completed."""
-        return np.minimum.reduce(self.completion_steps, axis=-1) > 0
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GoalSet:

@@ -1,13 +1,31 @@
-"""Options of a reset that belong to a task: what the episode asks for."""
+"""What a reset is asked for: its variation, and what the task's own options say."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.tasks.variations.variations import VariationRequest
 
-class ResetRequests:
+# Options of a reset that tasks with variations have.
+VARIATION = "variation"
+VARIATION_VALUES = "variation_values"
+
+
+class Reset(NamedTuple):
+    """What one reset is asked for, checked.
+
+    Attributes:
+      variation: the parameters that vary, and their values.
+      request: what `Requests.checked` returned; None for an episode as the task draws it.
+    """
+
+    variation: VariationRequest = VariationRequest()
+    request: Any = None
+
+
+class Requests:
     """Options of a reset that belong to a task; this class has none.
 
     Attributes:
@@ -27,11 +45,13 @@ class ResetRequests:
         """
         return None
 
-    def follow(self, request: Any) -> None:
-        """Makes the next reset follow a request that `checked` returned."""
+    def draw(self, random_state: np.random.RandomState, request: Any) -> None:
+        """Draws what the episode that starts asks for, or discards the draw where a request says so.
 
-    def draw(self, random_state: np.random.RandomState) -> None:
-        """Draws what the episode that starts asks for, or discards the draw where a request says so."""
+        Args:
+          random_state: that is drawn from, whatever the request.
+          request: what `checked` returned.
+        """
 
     def recorded(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
         """Returns the options of a reset that repeat what was drawn in a recorded episode.

@@ -29,7 +29,7 @@ from kitchen_suite.tasks.observables import GOAL_PIXELS, ExtraObservables, Pictu
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PARAMETERS, Pusher
 from kitchen_suite.tasks.records import Completions, Metrics
-from kitchen_suite.tasks.requests import ResetRequests
+from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
 from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
 from kitchen_suite.tasks.terms import Observation, RewardTerm, Termination
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
@@ -167,7 +167,8 @@ class SuiteTask(composer.Task):
         self.mdp = mdp
         self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
-        self.requests = ResetRequests()
+        self.requests = Requests()
+        self._reset = Reset()
         self.episode = EpisodeState()
         self.truncates = False
         self._terminates = False
@@ -301,6 +302,24 @@ class SuiteTask(composer.Task):
     def reward_terms(self) -> dict[str, float]:
         """The terms of the last step's reward by name; zeros before the first step of an episode."""
         return {name: float(term) for name, term in self.state.terms.items()}
+
+    def checked_reset(self, options: Mapping[str, Any]) -> Reset:
+        """Returns what the options of a reset ask for, so that `follow` makes the next reset follow it.
+
+        Args:
+          options: `variation`, `variation_values`, and those of the task's `requests`; see the Gymnasium environments.
+            Others are ignored.
+
+        Raises:
+          TypeError: an option of the wrong type.
+          ValueError: an option that the task refuses.
+        """
+        variation = self.variations.request(options.get(VARIATION), options.get(VARIATION_VALUES))
+        return Reset(variation, self.requests.checked(options))
+
+    def follow(self, reset: Reset) -> None:
+        """Makes the next reset, and no later one, follow what `checked_reset` returned."""
+        self._reset = reset
 
     @abc.abstractmethod
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
@@ -438,9 +457,10 @@ class SuiteTask(composer.Task):
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random = random_state
-        self.requests.draw(random_state)
+        reset, self._reset = self._reset, Reset()
+        self.requests.draw(random_state, reset.request)
         self.reset_physics(physics, random_state)
-        self.variations.draw(physics, random_state)
+        self.variations.draw(physics, random_state, reset.variation)
         self._start(physics, self.mdp.draw_noise(random_state))
         self._draw_noise_of_observations(random_state)
 

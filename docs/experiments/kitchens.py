@@ -170,7 +170,7 @@ def play_in_mode(number: int, mode: str) -> list[tuple[str, bool]]:
     played = []
     for name in drawn.tolist():
         environment.random_state.seed(FRESH_SEED)
-        environment.task.requests.follow((name,))
+        environment.task.follow(environment.task.checked_reset({"requested_tasks": [name]}))
         timestep = environment.reset()
         while not timestep.last():
             timestep = environment.step(act(timestep))

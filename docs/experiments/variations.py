@@ -178,7 +178,7 @@ def measure_starts() -> None:
         environment.random_state.seed(FIRST_SEED)
         environment.reset()
         task = environment.task
-        task.variations.follow(task.variations.request([]))
+        task.follow(task.checked_reset({"variation": []}))
         environment.reset()
         pairs = pairs_of(environment)
         built = depths(environment, pairs)

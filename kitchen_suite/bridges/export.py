@@ -18,9 +18,10 @@ from kitchen_suite import files
 from kitchen_suite.bridges.mjcf_values import Difference, greatest_difference, write_values
 from kitchen_suite.environment import Environment
 from kitchen_suite.environment.environment import PHYSICS_STATE
-from kitchen_suite.gymnasium_env.base import VARIATION_VALUES, suite_env
+from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.spec import EnvironmentSpec, reset_to_seed
 from kitchen_suite.settings import FAILURE, ExportSettings
+from kitchen_suite.tasks.requests import VARIATION_VALUES
 from kitchen_suite.versions import installed_versions
 
 LICENCE_FILE = "LICENSE-gymnasium-robotics.txt"  # File with the licence of the installed meshes and textures.

@@ -42,7 +42,7 @@ def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
     steps: dict[str, int | None] = {}
     for name in task.requests.tasks:
         environment.random_state.seed(seed)
-        task.requests.follow((name,))
+        task.follow(task.checked_reset({"requested_tasks": [name]}))
         timestep, count = environment.reset(), 0
         while not timestep.last():
             timestep, count = environment.step(act(timestep)), count + 1

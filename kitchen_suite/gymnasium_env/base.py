@@ -21,10 +21,7 @@ from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import Observations, Present
 from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import cameras
-
-# Options of `reset` of every environment.
-VARIATION = "variation"
-VARIATION_VALUES = "variation_values"
+from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES
 
 # Option of single environments alone, and of vectorised ones alone.
 STATE = "state"
@@ -364,11 +361,9 @@ class SuiteEnv(gymnasium.Env):
         state = chosen.get(STATE)
         if state is None:
             seed = self._next_seed_after(seed)
-            own = self.composer_task.requests.checked(chosen)
+            reset = self.composer_task.checked_reset(chosen)
             self.check_pictures(chosen)
-            variations = self.composer_task.variations
-            variations.follow(variations.request(chosen.get(VARIATION), chosen.get(VARIATION_VALUES)))
-            self.composer_task.requests.follow(own)
+            self.composer_task.follow(reset)
         elif len(chosen) > 1:
             others = " and ".join((VARIATION, VARIATION_VALUES, *self.composer_task.requests.options))
             raise ValueError(f"a state has its own values: leave out {others}")

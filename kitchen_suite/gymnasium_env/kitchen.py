@@ -19,8 +19,9 @@ from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks.kitchen.observation import Parts
-from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, REQUESTED, TASK_ID
+from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, TASK_ID
 from kitchen_suite.tasks.observables import shown_at
+from kitchen_suite.tasks.orders import REQUESTED
 
 with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.

@@ -33,7 +33,7 @@ from kitchen_suite.settings import FAILURE, USAGE
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import FRANKA_PARTS, ROUNDING, SIZE, KitchenReading
-from kitchen_suite.tasks.kitchen.requests import in_order, order_of
+from kitchen_suite.tasks.orders import in_order, order_of
 from kitchen_suite.tasks.records import Metrics
 from kitchen_suite.versions import installed_versions
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import checks
-from kitchen_suite.gymnasium_env.base import VARIATION_VALUES, suite_env
+from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Watch, unflatten
 from kitchen_suite.rollouts.report import print_line
@@ -27,6 +27,7 @@ from kitchen_suite.rollouts.rollout import episode_name
 from kitchen_suite.rollouts.spec import reset_to_seed
 from kitchen_suite.rollouts.views import Views
 from kitchen_suite.settings import FAILURE, ReplaySettings
+from kitchen_suite.tasks.requests import VARIATION_VALUES
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.versions import installed_versions
 

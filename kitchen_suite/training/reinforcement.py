@@ -20,7 +20,7 @@ from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.rollout import Controller, NetworkController
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import IMITATION, TrainSettings
-from kitchen_suite.tasks.requests import ResetRequests
+from kitchen_suite.tasks.requests import Requests
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.demonstrations import OBSERVATION_OPTIONS, check_same, load_to_clone
@@ -43,7 +43,7 @@ _BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
 class TaskBalance:
     """Sets the weights with which tasks are drawn: 1.05 minus their recent success, `success` `(n,)` in their order."""
 
-    def __init__(self, requests: ResetRequests) -> None:
+    def __init__(self, requests: Requests) -> None:
         """Starts without success of the tasks that the requests of the task that starts the episodes draw from."""
         self._requests, self._names = requests, requests.drawn_tasks
         self.success = np.zeros(len(self._names))

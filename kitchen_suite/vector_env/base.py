@@ -23,9 +23,10 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.environment.edits import ModelSnapshot
 from kitchen_suite.environment.seeds import checked_stride
-from kitchen_suite.gymnasium_env.base import INSTRUCTION, RESET_MASK, STATE, VARIATION, VARIATION_VALUES, SuiteEnv
+from kitchen_suite.gymnasium_env.base import INSTRUCTION, RESET_MASK, STATE, SuiteEnv
 from kitchen_suite.gymnasium_env.observations import Present
 from kitchen_suite.rendering.cameras import CameraParameters
+from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.episodes import BatchEpisodes, BatchPictures
 from kitchen_suite.vector_env.gymnasium_names import GymnasiumNames
@@ -312,12 +313,13 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
             mask = vector_checks.checked_mask(chosen[RESET_MASK], self.num_envs, RESET_MASK)
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
-        variation_requests = vector_checks.variation_requests(chosen, self._tasks, mask)
-        task_requests = vector_checks.task_requests(chosen, self._tasks, mask)
-        self._template_env.check_pictures(vector_checks.options_of(chosen, task, mask))
+        each = vector_checks.options_of_each(chosen, task.requests.options, mask)
+        resets = {i: self._tasks[i].checked_reset(own) for i, own in each.items()}
+        for own in each.values():
+            self._template_env.check_pictures(own)
         with self._all_or_nothing():
             self._episodes.follow_edits()
-            self._episodes.request(variation_requests, task_requests)
+            self._episodes.follow(resets)
             self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})
             self._episodes.start(mask)
             self._episodes.check_written_fields()

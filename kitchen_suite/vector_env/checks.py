@@ -13,9 +13,8 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.gymnasium_env.base import VARIATION, VARIATION_VALUES
-from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.tasks.variations.variations import VariationRequest, flat_values
+from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES
+from kitchen_suite.tasks.variations.variations import flat_values
 
 
 def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
@@ -70,43 +69,37 @@ def checked_mask(value: Any, count: int, name: str) -> NDArray[np.bool_]:
     return value
 
 
-def task_requests(options: Mapping[str, Any], tasks: Sequence[SuiteTask], mask: NDArray[np.bool_]) -> dict[int, Any]:
-    """Returns the tasks' own requests of a reset's options for the environments of its mask, by index.
+def options_of_each(
+    options: Mapping[str, Any], own: Sequence[str], mask: NDArray[np.bool_]
+) -> dict[int, dict[str, Any]]:
+    """Returns the options of a reset for each environment of its mask, by index; empty if there are none.
 
-    Each option is a sequence with an element for each environment, None for none; see `ResetRequests.checked`.
-    """
-    each = {name: options[name] for name in tasks[0].requests.options if options.get(name) is not None}
-    for name, rows in each.items():
-        if not isinstance(rows, list | tuple | np.ndarray):
-            raise TypeError(f"{name} must be a sequence of one element for each environment, got {checks.shown(rows)}")
-        if len(rows) != mask.size:
-            raise ValueError(f"{name} must have one element for each of {mask.size} environments, got {len(rows)}")
-    indices = mask.nonzero()[0].tolist() if each else ()
-    return {i: tasks[i].requests.checked({name: rows[i] for name, rows in each.items()}) for i in indices}
-
-
-def options_of(options: Mapping[str, Any], task: SuiteTask, mask: NDArray[np.bool_]) -> dict[str, list[Any]]:
-    """Returns the task's own options of a reset, checked, for the environments of its mask alone."""
-    each = {name: options[name] for name in task.requests.options if options.get(name) is not None}
-    return {name: [rows[i] for i in mask.nonzero()[0]] for name, rows in each.items()}
-
-
-def variation_requests(
-    options: Mapping[str, Any], tasks: Sequence[SuiteTask], mask: NDArray[np.bool_]
-) -> dict[int, VariationRequest]:
-    """Returns the requests of a reset's options for the environments of its mask, by index.
-
-    Values are arrays `(n, ...)`, with a row for each environment; see `Variations.request`.
+    Args:
+      options: of all environments: the names of `variation` are the same in all; `variation_values` are arrays
+        `(n, ...)`; options of the task are sequences with an element for each environment, None for none.
+      own: names of the options of the task.
+      mask: `(n,)`, the environments that start an episode.
     """
     names, values = options.get(VARIATION), options.get(VARIATION_VALUES)
-    if names is None and values is None:
-        return {}
     rows = {name: checks.array_of(value, name) for name, value in flat_values(values or {}).items()}
     for name, array in rows.items():
         if array.shape[:1] != mask.shape:
             raise ValueError(f"variation_values of {name!r} must have {mask.size} rows, got shape {array.shape}")
+    of_task = {name: options[name] for name in own if options.get(name) is not None}
+    for name, elements in of_task.items():
+        if not isinstance(elements, list | tuple | np.ndarray):
+            shown = checks.shown(elements)
+            raise TypeError(f"{name} must be a sequence of one element for each environment, got {shown}")
+        if len(elements) != mask.size:
+            raise ValueError(f"{name} must have one element for each of {mask.size} environments, got {len(elements)}")
+    if names is None and values is None and not of_task:
+        return {}
     return {
-        i: tasks[i].variations.request(names, {name: array[i] for name, array in rows.items()})
+        i: {
+            VARIATION: names,
+            VARIATION_VALUES: {name: array[i] for name, array in rows.items()},
+            **{name: elements[i] for name, elements in of_task.items()},
+        }
         for i in mask.nonzero()[0].tolist()
     }
 

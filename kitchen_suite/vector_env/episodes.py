@@ -18,7 +18,8 @@ from kitchen_suite.gymnasium_env.base import PHYSICS
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.control_modes.mode import MEDIAN
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
-from kitchen_suite.tasks.variations.variations import SLEEP, VariationRequest
+from kitchen_suite.tasks.requests import Reset
+from kitchen_suite.tasks.variations.variations import SLEEP
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.batches import JoinedSensors, make_simulations
 
@@ -104,8 +105,7 @@ class BatchEpisodes:
         self.streams = [Stream(None) for _ in range(count)]
         self.state: EpisodeState = self._task.episode.repeated(count)
         self._masked_variation_info: dict[str, Any] | None = None
-        self._variation_requests: dict[int, VariationRequest] = {}
-        self._task_requests: dict[int, Any] = {}
+        self._resets: dict[int, Reset] = {}
         self.steps = np.zeros(count, np.int64)
         self.has_moved = np.full(count, True)
         self._draws = np.zeros((count, self._mdp.noise_draws))
@@ -120,9 +120,9 @@ class BatchEpisodes:
         for name in self._mdp.persistent:
             getattr(self.state.mdp_state, name)[slice(None) if mask is None else mask] = total_steps
 
-    def request(self, variations: Mapping[int, VariationRequest], of_task: Mapping[int, Any]) -> None:
-        """Makes the next start of episodes follow checked requests, by index: for variations, and the task's."""
-        self._variation_requests, self._task_requests = dict(variations), dict(of_task)
+    def follow(self, resets: Mapping[int, Reset]) -> None:
+        """Makes the next start of episodes, by index, follow what `checked_reset` of their tasks returned."""
+        self._resets = dict(resets)
 
     def follow_edits(self) -> None:
         """Makes the simulations take what a user has changed in the models of their environments since the last call.
@@ -172,10 +172,8 @@ class BatchEpisodes:
         for i in indices.tolist():
             environment = self._environments[i]
             environment.random_state, task = self._stream_of_next(i).random_state, environment.task
-            if i in self._variation_requests:
-                task.variations.follow(self._variation_requests.pop(i))
-            if i in self._task_requests:
-                task.requests.follow(self._task_requests.pop(i))
+            if i in self._resets:
+                task.follow(self._resets.pop(i))
             environment.start_episode()
             model, data = environment.physics.model.ptr, environment.physics.data.ptr
             mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT
 from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv, GoalMethod, goal_observation
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
-from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, REQUESTED, TASK_ID
+from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, TASK_ID
+from kitchen_suite.tasks.orders import REQUESTED
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 

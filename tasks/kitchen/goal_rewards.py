@@ -15,8 +15,9 @@ from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.mdp import ATTEMPTED, REWARD_STATE, KitchenMDP
-from kitchen_suite.tasks.kitchen.requests import REQUESTED, counted_in_order
-from kitchen_suite.tasks.kitchen.reward import GOAL_TERMS, Shaping, Shares, task_shares
+from kitchen_suite.tasks.kitchen.reward import Shaping, task_shares
+from kitchen_suite.tasks.orders import REQUESTED, counted_in_order
+from kitchen_suite.tasks.shaping import GOAL_TERMS, Shares
 from kitchen_suite.tasks.terms import total
 
 TO_COMPLETE = "tasks_to_complete"
@@ -59,7 +60,7 @@ def reward(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) -> Arr
         within = _within(achieved, desired, mdp) & rewarded
         if mdp.tasks_in_order:
             within = counted_in_order(within, ~rewarded)
-        step = RelabelledStep(completions=within if requested is None else within & requested)
+        step = RelabelledStep(completions=within & requested)
     terms = {
         name: term(step) if term in GOAL_TERMS else _part(infos, f"reward/{name}") for name, term in mdp.rewards.items()
     }
@@ -79,12 +80,14 @@ def terminated(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) ->
     within = _within(achieved, desired, mdp)
     done = _listed(infos, mdp.goals.tasks, (EPISODE_COMPLETIONS,), elsewhere=within)
     requested = _requested(infos, mdp, REQUESTED)
-    return np.all(done if requested is None else done | ~requested, axis=-1)
+    return np.all(done | ~requested, axis=-1)
 
 
-def _requested(infos: NDArray[np.object_], mdp: KitchenMDP, key: str) -> NDArray[np.bool_] | None:
-    """Returns which tasks `(..., n)` infos list under a key, all where one does not; None without draws."""
-    return None if mdp.task_draw is None else _listed(infos, mdp.goals.tasks, (key,), elsewhere=True)
+def _requested(infos: NDArray[np.object_], mdp: KitchenMDP, key: str) -> NDArray[np.bool_]:
+    """Returns which tasks `(..., n)` infos list under a key; all where one does not, and without draws."""
+    if mdp.task_draw is None:
+        return np.full((*infos.shape, len(mdp.goals.tasks)), True)
+    return _listed(infos, mdp.goals.tasks, (key,), elsewhere=True)
 
 
 def _within(achieved: Array, desired: Array, mdp: KitchenMDP) -> NDArray[np.bool_]:

@@ -13,17 +13,11 @@ from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
-from kitchen_suite.tasks.kitchen.requests import (
-    GOAL_STATES,
-    REQUESTED,
-    REQUESTED_ORDER,
-    Request,
-    TaskDraw,
-    counted_in_order,
-    next_in_turn,
-)
-from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, task_shares
+from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
+from kitchen_suite.tasks.kitchen.reward import Shaping, task_shares
 from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, TaskDraw, counted_in_order, next_in_turn
+from kitchen_suite.tasks.shaping import REWARDS, Shares
 from kitchen_suite.tasks.terms import Observation, Transition
 
 # Names of the terms of the sparse reward, which follow from the completions and are not saved.
@@ -34,8 +28,6 @@ REWARD_STATE = "reward_state"
 
 # First part of the name of the info on the tasks that a step could complete, where they are requested in turn.
 ATTEMPTED = "attempted_tasks"
-
-_OPEN = Request()  # The request of a reset without options.
 
 
 class KitchenState(NamedTuple):
@@ -48,9 +40,9 @@ class KitchenState(NamedTuple):
       achieved: `(..., k)`, achieved goals: present positions of the goals' joints, end to end [rad, m, quaternion].
       distances: `(..., n)`, distance of each task from its goal [rad, m].
       progress: completion of the tasks.
+      requested_order: `(..., n)`, order of the tasks that the episode asks for; see `orders`.
       terms: `(...)` each, the terms of the last step's reward by name.
       shaping: state of a dense reward; None for the sparse one.
-      requested_order: `(..., n)`, see `requests`; None if every episode asks for all tasks.
       goal_states: `(..., 30 k)`, see `requests`; None if none are observed.
       goal_pictures: `(..., c, height, width, 3)`, pictures of the last of them; None without these or cameras.
     """
@@ -61,9 +53,9 @@ class KitchenState(NamedTuple):
     achieved: Array
     distances: Array
     progress: Progress
+    requested_order: NDArray[np.int64]
     terms: dict[str, Array]
     shaping: Shaping | None = None
-    requested_order: NDArray[np.int64] | None = None
     goal_states: Array | None = None
     goal_pictures: NDArray[np.uint8] | None = None
 
@@ -94,7 +86,8 @@ def from_dict(arrays: Mapping[str, Any]) -> KitchenState:
         parts["shaping"] = Shaping(**parts["shaping"])
     progress = Progress(**parts["progress"])
     terms = {"completion": np.add.reduce(progress.completions, axis=-1, dtype=np.float64)}
-    return KitchenState(**{"terms": terms, **parts, "progress": progress})
+    order = np.arange(progress.completions.size)
+    return KitchenState(**{"terms": terms, "requested_order": order, **parts, "progress": progress})
 
 
 class KitchenTransition(Transition):
@@ -103,7 +96,7 @@ class KitchenTransition(Transition):
     before: KitchenState
     after: KitchenState
 
-    def __init__(self, mdp: "KitchenMDP", attempted: NDArray[np.bool_] | None, *parts: Any) -> None:
+    def __init__(self, mdp: "KitchenMDP", attempted: NDArray[np.bool_], *parts: Any) -> None:
         """Stores the settings, which tasks `(..., n)` the step could complete, and the parts of a `Transition`."""
         super().__init__(*parts)
         self._mdp = mdp
@@ -140,7 +133,8 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       success: decides which tasks are complete.
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
       remove_task_when_completed: whether a task is rewarded only once.
-      task_draw: how many of the tasks an episode asks for; None for all.
+      task_draw: how many of the tasks an episode asks for; None if every episode asks for all, which observations and
+        infos then do not mention.
       tasks_in_turn: whether the next of them is requested only once the one before has been completed.
       tasks_in_order: whether a task counts only once those before it have been completed.
       max_task_steps: control steps without a completion after which an episode truncates; None for no limit.
@@ -177,26 +171,26 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             achieved=reading.achieved,
             distances=distances,
             progress=Progress.initial(distances.shape),
+            requested_order=np.broadcast_to(np.arange(distances.shape[-1]), distances.shape),
             terms=self.no_reward(distances.shape[:-1]),
             shaping=self.start_shaping(reading),
         )
 
     def with_request(
-        self, state: KitchenState, order: NDArray[np.int64] | None, request: Request = _OPEN
+        self, state: KitchenState, order: NDArray[np.int64], goal_states: Array | None = None
     ) -> KitchenState:
         """Returns the state before the first step of an episode that asks for tasks, and for goal states.
 
         Args:
           state: of the start.
-          order: `(n,)`, of the tasks; None for all.
-          request: of the reset; where it asks for no goal states, they are the kitchen's start with the tasks done.
+          order: `(n,)`, of the tasks.
+          goal_states: `(30 k,)`, end to end; when omitted, the kitchen's start with the tasks done.
         """
-        if order is not None:
-            state = state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
+        state = state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
         if not self.goal_states:
             return state
-        if request.goal_states is not None:
-            return state._replace(goal_states=request.goal_states)
+        if goal_states is not None:
+            return state._replace(goal_states=goal_states)
         return state._replace(goal_states=np.tile(self._state_with(self.current_mask(state)), self.goal_states))
 
     def goal_state(self, state: KitchenState) -> Array:
@@ -216,23 +210,17 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     def current_mask(self, state: KitchenState) -> NDArray[np.bool_]:
         """Returns which tasks `(..., n)` are requested at present."""
-        order = self.current_order(state)
-        return np.full(state.distances.shape, True) if order is None else order >= 0
+        return self.current_order(state) >= 0
 
-    def current_order(self, state: KitchenState) -> NDArray[np.int64] | None:
-        """Returns the order `(..., n)` of the tasks requested at present; None if every episode asks for all."""
+    def current_order(self, state: KitchenState) -> NDArray[np.int64]:
+        """Returns the order `(..., n)` of the tasks requested at present."""
         order = state.requested_order
-        if not self.tasks_in_turn or order is None:
+        if not self.tasks_in_turn:
             return order
         return np.where(next_in_turn(order, state.progress.completed), order, -1)
 
-    def attempted(self, state: KitchenState) -> NDArray[np.bool_] | None:
-        """Returns which tasks `(..., n)` the next step may complete, or have been completed before.
-
-        None if every episode asks for all tasks.
-        """
-        if state.requested_order is None:
-            return None
+    def attempted(self, state: KitchenState) -> NDArray[np.bool_]:
+        """Returns which tasks `(..., n)` the next step may complete, or have been completed before."""
         current = self.current_mask(state)
         return current | state.progress.completed if self.tasks_in_turn else current
 
@@ -246,10 +234,8 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         self, state: KitchenState, *, action: Array, target: Array, reading: KitchenReading, draws: Array
     ) -> KitchenTransition:
         positions, achieved, hand_distances = reading
-        within = self.success.within(achieved)
         attempted = self.attempted(state)
-        if attempted is not None:
-            within = within & attempted
+        within = self.success.within(achieved) & attempted
         if self.tasks_in_order:
             within = counted_in_order(within, state.progress.completed)
         after = KitchenState(
@@ -337,10 +323,9 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     def all_completed(self, state: KitchenState) -> NDArray[np.bool_]:
         """Returns whether `(...)` all tasks that the episode asks for have been completed."""
-        order = state.requested_order
-        if order is None:
-            return state.progress.all_completed
-        completed: NDArray[np.bool_] = np.logical_and.reduce(state.progress.completed | (order < 0), axis=-1)
+        completed: NDArray[np.bool_] = np.logical_and.reduce(
+            state.progress.completed | (state.requested_order < 0), axis=-1
+        )
         return completed
 
     def info(self, state: KitchenState) -> dict[str, NDArray]:
@@ -357,13 +342,12 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             "task_distances": state.distances.copy(),
             "is_success": self.all_completed(state),
         }
-        if state.requested_order is not None:
+        if self.task_draw is not None:
             infos |= {f"{REQUESTED}_mask": state.requested_order >= 0, REQUESTED_ORDER: state.requested_order.copy()}
         if self.tasks_in_turn:
             # A step that completes a task has not attempted the next one.
-            attempted = self.attempted(state)
-            assert attempted is not None, "tasks in turn are requested in an order"
-            infos[f"{ATTEMPTED}_mask"] = np.where(progress.advanced[..., np.newaxis], progress.completed, attempted)
+            advanced = progress.advanced[..., np.newaxis]
+            infos[f"{ATTEMPTED}_mask"] = np.where(advanced, progress.completed, self.attempted(state))
         if state.terms.keys() != _SPARSE:
             infos |= {f"reward/{name}": np.array(term) for name, term in state.terms.items()}
         if state.shaping is not None:

@@ -19,12 +19,13 @@ from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, OUT_OF_REACH, THRESHOLD, Start, build_goals, initial_qpos, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
 from kitchen_suite.tasks.kitchen.observation import ROUNDING, KitchenSensors, noise_scale
-from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, REQUESTED, TaskDraw, TaskRequests
-from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
+from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, TaskRequests
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.observables import shown_at
+from kitchen_suite.tasks.orders import REQUESTED, TaskDraw
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.records import Completions, Metrics
+from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE
@@ -187,7 +188,7 @@ class KitchenTask(SuiteTask):
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        return self.requests.instructions_in(self.mdp.current_order(self.state) if self.state else None)
+        return self.requests.instructions_in(self.mdp.current_order(self.state) if self.state else self.requests.order)
 
     @property
     def goals(self) -> dict[str, Array]:
@@ -311,7 +312,7 @@ class KitchenTask(SuiteTask):
 
     def initial_state(self, draws: Array) -> KitchenState:
         state: KitchenState = super().initial_state(draws)
-        state = self.mdp.with_request(state, self.requests.order, self.requests.request)
+        state = self.mdp.with_request(state, self.requests.order, self.requests.request.goal_states)
         if state.goal_states is None or not self.pictures.colour:
             return state
         # Taken once the episode has started, and the physics can be rendered.
@@ -359,7 +360,10 @@ class KitchenTask(SuiteTask):
     def saved_state(self) -> dict[str, Any]:
         goals = self.mdp.goals
         tasks = {"tasks": ", ".join(goals.tasks), "desired": goals.desired.copy()}
-        return {**tasks, **as_dict(self.state), **self.requests.saved()}
+        state = as_dict(self.state)
+        if self.mdp.task_draw is None:
+            del state["requested_order"]
+        return {**tasks, **state, **self.requests.saved()}
 
     def restore_state(self, state: Mapping[str, Any]) -> None:
         goals = self.mdp.goals

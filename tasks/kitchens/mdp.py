@@ -22,9 +22,9 @@ from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.entities.scenes import robot_base
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import Progress
-from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER
-from kitchen_suite.tasks.kitchen.reward import REWARDS, Shares, covered
 from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER
+from kitchen_suite.tasks.shaping import REWARDS, Shares, covered
 from kitchen_suite.tasks.simulation import Columns, Simulation, as_columns
 from kitchen_suite.tasks.terms import Observation, Transition, end_to_end
 

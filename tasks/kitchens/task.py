@@ -15,14 +15,14 @@ from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
-from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, checked_order, in_order, order_of
-from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchens.certificates import certificate_of
 from kitchen_suite.tasks.kitchens.mdp import KitchensMDP, KitchensState, SlotSensors, noise_scale, size
+from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, TaskDraw, checked_order, in_order, order_of
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.records import Completions, Metrics
-from kitchen_suite.tasks.requests import ResetRequests
+from kitchen_suite.tasks.requests import Requests
+from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, one_of
@@ -64,7 +64,7 @@ _SENTENCES = {
 }
 
 
-class PartRequests(ResetRequests):
+class PartRequests(Requests):
     """The parts that episodes ask for: drawn at a reset among those that the task's verbs are for, unless named.
 
     Attributes:
@@ -108,7 +108,6 @@ class PartRequests(ResetRequests):
         self._directions = np.zeros((2, MAX_PARTS), bool)
         for k, opens in self._slots.values():
             self._directions[int(opens), k] = True
-        self._next: tuple[str, ...] | None = None
         # Before the first reset.
         self._request([slots[k] for k in sorted(slots)[: self._draw.most]])
 
@@ -126,16 +125,12 @@ class PartRequests(ResetRequests):
         if count > self._num_slots:
             raise ValueError(f"num_slots must be at least {count}, the parts that are requested, got {self._num_slots}")
 
-    def follow(self, request: tuple[str, ...] | None) -> None:
-        self._next = request
-
-    def draw(self, random_state: np.random.RandomState) -> None:
+    def draw(self, random_state: np.random.RandomState, request: tuple[str, ...] | None) -> None:
         order = self._draw.draw(random_state, self._weights)
         opens = np.where(random_state.random_sample(MAX_PARTS) < 0.5, self._directions[1], ~self._directions[0])
         self.order, self.goal = order, ((order >= 0) & opens).astype(np.float64)
-        if self._next is not None:
-            self._request([self._slots[task] for task in self._next])
-        self._next = None
+        if request is not None:
+            self._request([self._slots[task] for task in request])
 
     def _request(self, slots: Sequence[tuple[int, bool]]) -> None:
         """Asks for parts, each to be open or closed, in their sequence."""

@@ -45,6 +45,10 @@ class VariationRequest:
         return name not in self.values and name not in self.excluded
 
 
+# The request of a reset without options.
+_EVERYTHING = VariationRequest()
+
+
 class Variations:
     """The parameters of a task that vary from episode to episode.
 
@@ -96,7 +100,6 @@ class Variations:
         self._scene = scene
         self._home = home
         self._correct = correct
-        self._request = VariationRequest()
         self._refusals = 0
         self._checked_model = None
         offered = {parameter.name: parameter for parameter in (*scene.parameters, *parameters)}
@@ -190,19 +193,19 @@ class Variations:
         each = (checks.choice(name, choices, "variation") for name in _group_names(names, "variation"))
         return {name for one in each for name in choices[one]}
 
-    def follow(self, request: VariationRequest) -> None:
-        """Makes the next reset follow a request."""
-        self._request = request
+    def draw(
+        self, physics: mjcf.Physics, random_state: np.random.RandomState, request: VariationRequest = _EVERYTHING
+    ) -> None:
+        """Draws and sets the parameters of an episode, at its start state; resets the physics if that fails.
 
-    def draw(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        """Draws and sets the parameters of an episode, at its start state; resets the physics if that fails."""
+        The same numbers are drawn whatever the request.
+        """
         if not self.randomizer.names:
             return
         with contextlib.ExitStack() as undo:
             undo.callback(physics.reset)
             drawn = self.randomizer.draw(random_state)
             undo.pop_all()
-        request, self._request = self._request, VariationRequest()
         start, self._refusals = np.array(physics.data.qpos), 0
         if self._layout_check:
             seed = random_state.randint(2**31)

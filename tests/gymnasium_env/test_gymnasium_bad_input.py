@@ -13,9 +13,10 @@ from hypothesis.extra import numpy as hnp
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import KITCHEN_ID, FrankaKitchenEnv
-from kitchen_suite.gymnasium_env.base import STATE, VARIATION, VARIATION_VALUES
+from kitchen_suite.gymnasium_env.base import STATE
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.kitchen.requests import REQUESTED
+from kitchen_suite.tasks.orders import REQUESTED
+from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES
 
 junk = st.one_of(
     st.none(),

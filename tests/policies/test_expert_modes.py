@@ -60,7 +60,7 @@ def test_parts_of_generated_kitchens_are_moved(mode):
     # A hand that cannot turn cannot swing all doors.
     swung = "open" if mode != "ee_delta_position" else "close"
     for task in ("turn_on oven_1/knob_Joint_4", f"{swung} hinge_cabinet_1/right_hinge_cabinet"):
-        environment.task.requests.follow((task,))
+        environment.task.follow(environment.task.checked_reset({"requested_tasks": [task]}))
         play(environment, policies.find("expert"), 101)
         assert environment.task.episode_metrics["success"], task
 

@@ -8,6 +8,7 @@ from kitchen_suite import experts, suite
 from kitchen_suite.policies.experts.kitchen import ObservedLayout, needed_observables
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
 from kitchen_suite.tasks import DEFAULT_TASKS
+from kitchen_suite.tasks.requests import Reset
 from kitchen_suite.tasks.variations.distributions import SPLITS
 from kitchen_suite.tasks.variations.variations import VariationRequest
 
@@ -64,14 +65,14 @@ def test_the_drawers_expert_opens_them_in_many_layouts(drawer, split):
 
 def test_in_the_default_layout_the_poses_are_those_that_skills_are_made_for():
     environment = complete("seen", seed=0)
-    environment.task.variations.follow(environment.task.variations.request([]))
+    environment.task.follow(environment.task.checked_reset({"variation": []}))
     observed = environment.reset().observation
     layout = ObservedLayout(KITCHEN_POSES)
     extras = np.concatenate([observed[name] for name in environment.task.extra_observables])
     assert layout.size == extras.size
     for task in SKILLS:
         np.testing.assert_allclose(layout.frame(task, extras).as_matrix(), np.eye(4), atol=1e-9)
-    environment.task.variations.follow(environment.task.variations.request([]))
+    environment.task.follow(environment.task.checked_reset({"variation": []}))
     assert play(environment)["success"]
 
 
@@ -110,7 +111,7 @@ def test_a_task_out_of_reach_is_postponed():
     # Farther away than any layout that is drawn.
     far = {"microwave/offset": np.array([-0.4, 0.3, 0.0])}
     excluded = frozenset(environment.task.variations.by_name)
-    environment.task.variations.follow(VariationRequest(excluded=excluded, values=far))
+    environment.task.follow(Reset(VariationRequest(excluded=excluded, values=far)))
     assert play(environment)["tasks_completed"].keys() == {"light switch"}
 
 

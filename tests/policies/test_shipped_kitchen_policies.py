@@ -79,7 +79,7 @@ def test_one_network_does_the_task_that_is_asked(task):
     environment = suite.load("kitchen", "random_1", {"visuals": False})
     successes = 0
     for seed in range(UNSEEN, UNSEEN + 3):
-        environment.task.requests.follow(environment.task.requests.checked({"requested_tasks": [task]}))
+        environment.task.follow(environment.task.checked_reset({"requested_tasks": [task]}))
         play(environment, find("trained"), seed)
         successes += environment.task.episode_metrics["success"]
         assert environment.task.requested_tasks == [task]

@@ -76,7 +76,6 @@ def test_the_steps_of_first_completions_are_counted_from_one(removed, again):
     assert [each.completions.astype(int).tolist() for each in seen] == [*WITHIN[:2], again, *WITHIN[3:]]
     assert [each.advanced.tolist() for each in seen] == [[0, 0], [1, 0], [0, 0], [1, 1], [0, 0]]
     assert [each.steps_since_completion.tolist() for each in seen] == [[1, 1], [0, 2], [1, 3], [0, 0], [1, 1]]
-    assert [each.all_completed.tolist() for each in seen] == [[0, 0]] * 3 + [[1, 0]] * 2
     assert progress.completion_steps.tolist() == [[2, 4], [-1, 4]]
     assert progress.completed.tolist() == [[1, 1], [0, 1]]
     assert progress.remaining.tolist() == ([[0, 0], [1, 0]] if removed else [[1, 1]] * 2)
@@ -84,7 +83,7 @@ def test_the_steps_of_first_completions_are_counted_from_one(removed, again):
     alone = Progress.initial((2,))
     for within, each in zip(WITHIN, seen, strict=True):
         alone = alone.update(np.array(within[0], bool), remove_task_when_completed=removed)
-        for name in (*Progress._fields, "advanced", "steps_since_completion", "all_completed"):
+        for name in (*Progress._fields, "advanced", "steps_since_completion"):
             np.testing.assert_array_equal(getattr(alone, name), getattr(each, name)[0])
 
 
@@ -96,13 +95,12 @@ def test_masks_of_progress_are_boolean():
             progress = progress.update(np.array(within, bool), remove_task_when_completed=False)
             for mask in (progress.within, progress.completions, progress.remaining, progress.completed):
                 assert mask.dtype == bool
-            assert progress.advanced.shape == progress.all_completed.shape == (2,)
+            assert progress.advanced.shape == (2,)
 
 
 def test_tasks_may_all_be_completed_in_the_first_step():
     progress = Progress.initial((2,)).update(np.array([True, True]), remove_task_when_completed=True)
     assert progress.completed.tolist() == [True, True]
-    assert progress.all_completed
     assert progress.advanced
     assert progress.steps_since_completion == 0
     later = progress.update(np.array([True, True]), remove_task_when_completed=True)

@@ -304,7 +304,9 @@ def _variation_values(task: Any) -> dict[str, np.ndarray]:
 
 
 def _request_variation(task: Any, names: Sequence[str], values: Options) -> None:
-    if hasattr(task, "variations"):
+    if hasattr(task, "checked_reset"):
+        task.follow(task.checked_reset({"variation": names, "variation_values": values}))
+    elif hasattr(task, "variations"):
         task.variations.follow(task.variations.request(names, values))
     else:
         task.request_variation(task.variation_request(names, values))
@@ -412,7 +414,9 @@ def play_requested_tasks() -> Arrays:
     environment = suite.load("kitchen", "random_3", {"random": 1, "visuals": False})
     task = environment.task
     asked = {"requested_tasks": ["kettle", "top burner"]}
-    if hasattr(task, "requests"):
+    if hasattr(task, "checked_reset"):
+        task.follow(task.checked_reset(asked))
+    elif hasattr(task, "requests"):
         task.requests.follow(task.requests.checked(asked))
     else:
         task.request_reset(task.reset_request(asked))

@@ -43,7 +43,7 @@ def test_goal_states_are_observed_before_requests(obs_type):
 
 def test_the_suites_own_environment_observes_them():
     environment = suite.load("kitchen", "all", task_kwargs={"goal_states": 1, "random": 0})
-    environment.task.requests.follow(environment.task.requests.checked({"goal_states": wanted(1)}))
+    environment.task.follow(environment.task.checked_reset({"goal_states": wanted(1)}))
     np.testing.assert_array_equal(environment.reset().observation["goal_states"], wanted(1)[0])
     assert [*environment.observation_spec()][-1] == "goal_states"
     assert environment.observation_spec()["goal_states"].shape == (30,)

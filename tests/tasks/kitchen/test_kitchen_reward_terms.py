@@ -7,7 +7,8 @@ import pytest
 
 from kitchen_suite.tasks.goals import Goal, GoalSet, ThresholdSuccess
 from kitchen_suite.tasks.kitchen import reward
-from kitchen_suite.tasks.kitchen.reward import Shaping, Shares, covered, task_shares
+from kitchen_suite.tasks.kitchen.reward import Shaping, task_shares
+from kitchen_suite.tasks.shaping import Shares, covered
 
 # A door with one joint, which opens to 1, and a lid with two.
 GOALS = GoalSet.build(
@@ -135,9 +136,11 @@ def test_a_restart_in_one_episode_leaves_the_other():
 # After the second step: the door of the first episode is at 0.5, and all else is at its goal.
 ACHIEVED = np.array([[0.5, 0.0, 0.5], [1.0, 0.0, 0.5]])
 
+EVERY_TASK = np.array([True, True])
 
-def shares_of(desired, **options):
-    return task_shares(shaping=after_steps(2), success=SUCCESS, achieved=ACHIEVED, desired=desired, **options)
+
+def shares_of(desired, mask=EVERY_TASK):
+    return task_shares(shaping=after_steps(2), success=SUCCESS, achieved=ACHIEVED, desired=desired, mask=mask)
 
 
 def test_the_shares_of_the_episodes_own_goals():
@@ -156,12 +159,14 @@ def test_the_shares_of_the_episodes_own_goals():
     for one, other in zip(shares_of(DESIRED), shares, strict=True):
         np.testing.assert_array_equal(np.broadcast_to(one, (2, 2)), other)
     for episode in range(2):
-        one = task_shares(after_steps(2, episode), success=SUCCESS, achieved=ACHIEVED[episode], desired=DESIRED)
+        one = task_shares(
+            after_steps(2, episode), success=SUCCESS, achieved=ACHIEVED[episode], desired=DESIRED, mask=EVERY_TASK
+        )
         check_equal(one, alone(shares, episode))
 
 
 def test_a_completed_task_stays_completed_when_it_leaves_its_goal():
-    shares = task_shares(after_steps(2), success=SUCCESS, achieved=START, desired=DESIRED)
+    shares = task_shares(after_steps(2), success=SUCCESS, achieved=START, desired=DESIRED, mask=EVERY_TASK)
     assert shares.completed.tolist() == [[False, False], [False, True]]
 
 

@@ -9,7 +9,7 @@ from helpers.errors import refused
 from kitchen_suite.experts import KitchenExpert
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import GOALS, KitchenTask
-from kitchen_suite.tasks.kitchen.reward import REWARDS
+from kitchen_suite.tasks.shaping import REWARDS
 
 TERMS = ("approach", "progress", "completion")
 QUICK = ("kettle", "slide cabinet")

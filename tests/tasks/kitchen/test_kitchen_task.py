@@ -13,7 +13,7 @@ from kitchen_suite.tasks.goals import GoalSet, Progress, goal_distances
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import POSITION_HIGH, POSITION_LOW, position_target
 from kitchen_suite.tasks.kitchen.observation import KitchenSensors
-from kitchen_suite.tasks.kitchen.reward import completions
+from kitchen_suite.tasks.shaping import completions
 
 
 def load(task_name="all", **options):

@@ -45,7 +45,7 @@ def test_the_suite_observes_the_tasks_asked_last():
     assert timestep.observation["requested_tasks"].sum() == 4.0
     task = environment.task
     assert task.policy_inputs.flatten(timestep.observation).size == task.policy_inputs.size
-    task.requests.follow(task.requests.checked({"requested_tasks": ["kettle", "microwave"]}))
+    task.follow(task.checked_reset({"requested_tasks": ["kettle", "microwave"]}))
     assert environment.reset().observation["requested_tasks"].tolist() == [0, 0, 0, 0, 0, 1, 1]
     assert task.requested_tasks == ["kettle", "microwave"]
     environment.reset()

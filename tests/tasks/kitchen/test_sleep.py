@@ -113,7 +113,7 @@ def test_episodes_with_other_starts_and_dynamics_are_nearly_the_same(seed):
     # The second episode starts after objects have slept in the first one.
     for _ in range(2):
         for environment in (sleepy, awake):
-            environment.task.variations.follow(environment.task.variations.request(values=FAR))
+            environment.task.follow(environment.task.checked_reset({"variation_values": FAR}))
             environment.reset()
         np.testing.assert_array_equal(sleepy.physics.data.qpos, awake.physics.data.qpos)
         doors = sleepy.physics.bind(sleepy.task.scene.props["hinge_cabinet"].joints).qpos

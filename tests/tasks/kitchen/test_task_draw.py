@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 
-from kitchen_suite.tasks.kitchen.requests import TaskDraw, in_order, order_of
+from kitchen_suite.tasks.orders import TaskDraw, in_order, order_of
 
 
 def draws(least, most, weights, count=4000):

@@ -7,7 +7,7 @@ from helpers.errors import refused
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
 from kitchen_suite.policies import find
-from kitchen_suite.tasks.kitchen.requests import counted_in_order
+from kitchen_suite.tasks.orders import counted_in_order
 
 SEQUENCE = ["microwave", "kettle", "bottom burner", "light switch"]
 

@@ -9,7 +9,7 @@ from helpers.errors import refused
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import DEFAULT_TASKS
-from kitchen_suite.tasks.kitchen.requests import next_in_turn
+from kitchen_suite.tasks.orders import next_in_turn
 
 ASKED = ["kettle", "microwave", "top burner"]
 ORDER = np.array([-1, 2, -1, -1, -1, 1, 0])

@@ -54,8 +54,8 @@ def load(task="any", design=MINE, **arguments):
 
 def start(environment, *tasks):
     """Begins an episode that asks for some tasks; returns its first timestep."""
-    requests = environment.task.requests
-    requests.follow(requests.checked({"requested_tasks": list(tasks)}))
+    task = environment.task
+    task.follow(task.checked_reset({"requested_tasks": list(tasks)}))
     return environment.reset()
 
 

@@ -23,7 +23,7 @@ class Layouts:
         options = {"visuals": False, "random": 0, "variations": ["layout"]}
         self.environment = suite.load(domain, task_name, options)
         self.task = self.environment.task
-        self.task.variations.follow(self.task.variations.request([]))
+        self.task.follow(self.task.checked_reset({"variation": []}))
         self.environment.reset()
         self.physics, self.check = self.environment.physics, self.task.variations._layout_check
         self._start = self.physics.data.qpos.copy()

@@ -165,7 +165,7 @@ def test_values_given_back_leave_the_stream_as_it_was():
     first = environment.reset()
     values, stream = environment.task.variations.values, environment.random_state.get_state(legacy=False)
     again = load(variations=GROUPS)
-    again.task.variations.follow(again.task.variations.request(values=values))
+    again.task.follow(again.task.checked_reset({"variation_values": values}))
     second = again.reset()
     np.testing.assert_equal(again.task.variations.values, values)
     np.testing.assert_equal(again.random_state.get_state(legacy=False), stream)
@@ -181,7 +181,7 @@ def test_values_given_back_leave_the_stream_as_it_was():
 def test_a_request_may_name_what_varies():
     environment = load(task="microwave", variations=GROUPS)
     plain = load(task="microwave", variations=GROUPS)
-    environment.task.variations.follow(environment.task.variations.request(["kettle/mass", "sensing"]))
+    environment.task.follow(environment.task.checked_reset({"variation": ["kettle/mass", "sensing"]}))
     environment.reset()
     plain.reset()
     drawn, named = plain.task.variations.values, environment.task.variations.values
@@ -198,7 +198,7 @@ def test_default_values_are_the_default_scene(group):
     environment.reset()
     assert environment.physics.data.qpos.any()
     defaults = environment.task.variations.randomizer.defaults
-    environment.task.variations.follow(environment.task.variations.request(values=defaults))
+    environment.task.follow(environment.task.checked_reset({"variation_values": defaults}))
     environment.reset()
     plain.reset()
     np.testing.assert_equal(model_arrays(environment), model_arrays(plain))
