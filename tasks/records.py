@@ -1,9 +1,16 @@
-"""What is read from the records of episodes: metrics, and completions of tasks."""
+"""What recordings, evaluations and rollouts read of a task's episodes: metrics, completions, replayed starts."""
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from dm_control import mjcf
 from numpy.typing import NDArray
+
+from kitchen_suite.entities.assets import Array
+
+if TYPE_CHECKING:
+    from kitchen_suite.tasks.task import SuiteTask
 
 # Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
 Metrics = dict[str, bool | float | dict[str, int]]
@@ -27,3 +34,96 @@ class Completions(NamedTuple):
         """The requested tasks, each with the control step of its completion or None."""
         rows = zip(self.tasks, self.requested.tolist(), self.steps.tolist(), strict=True)
         return {name: step if step > 0 else None for name, is_requested, step in rows if is_requested}
+
+
+class Records:
+    """Reads the records of a task's episodes: infos, and recorded arrays.
+
+    This class knows `is_success` among the infos alone, and episodes that start from a seed. Tasks of the suite have
+    classes of their own.
+    """
+
+    def __init__(self, task: "SuiteTask") -> None:
+        """Stores the task."""
+        self._task: Any = task
+
+    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
+        """Returns the metrics of an episode, `success` among them.
+
+        Args:
+          infos: its last infos, of the Gymnasium environment or from a recording; arrays without leading axis.
+        """
+        return {"success": bool(infos["is_success"])}
+
+    def progress(self, infos: Mapping[str, Any]) -> NDArray:
+        """Returns how far episodes have come, `(...)`, from their infos: a number that grows towards success."""
+        return np.asarray(infos["is_success"], np.float64)
+
+    def completions(self, infos: Mapping[str, Any]) -> Completions | None:
+        """Returns which tasks an episode asks for and has completed, from infos without leading axis.
+
+        None if the task does not consist of tasks that can be counted.
+        """
+        return None
+
+    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
+        """Names of the task's goals, and whether each is reached after each step of a recorded episode.
+
+        Args:
+          arrays: the episode's `observation/...` and `info/...` arrays with a leading axis of `T + 1`.
+
+        Returns:
+          `n` names and a mask `(T + 1, n)`; None if the arrays do not determine it.
+        """
+        return None
+
+    def restore(self, physics: mjcf.Physics, observation: Array) -> None:
+        """Moves robot and objects to the positions and velocities of a recorded observation.
+
+        The caller updates what MuJoCo derives from these, as `Environment.set_state` does. Raises a ValueError if the
+        task's episodes start from a seed only.
+        """
+        self._refuse_without_seed()
+
+    def set_observed_positions(self, observation: Array) -> None:
+        """Makes the next action start from the robot's positions in a recorded observation; raises as `restore`."""
+        self._refuse_without_seed()
+
+    def is_initial(self, physics: mjcf.Physics, observation: Array) -> bool:
+        """Whether a recorded observation is one of the present physics state, up to noise and rounding."""
+        return True
+
+    def _refuse_without_seed(self) -> None:
+        name = type(self._task).__name__
+        raise ValueError(f"an episode of {name} can be repeated only from its seed, which is missing")
+
+
+class OpeningRecords(Records):
+    """Reads the records of a task that opens a drawer or a door."""
+
+    def __init__(self, task: "SuiteTask", opened: str) -> None:
+        """Stores the task, and what it opens.
+
+        Args:
+          task: the task.
+          opened: `drawer`, whose opening is in m, or `door`, whose opening is a fraction of the goal; infos have it as
+            `drawer_opening` or `door_opening`.
+        """
+        super().__init__(task)
+        self._opened = opened
+
+    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
+        """Returns whether the drawer or door is open, whether it was at any time, and how far it is open."""
+        return {
+            "success": bool(infos["is_success"]),
+            "success_at_any_time": bool(infos["success_at_any_time"]),
+            f"{self._opened}_opening": float(self.progress(infos)),
+        }
+
+    def progress(self, infos: Mapping[str, Any]) -> Array:
+        """Returns how far the drawer or door is open [m, or as a fraction of the goal]."""
+        return infos[f"{self._opened}_opening"]
+
+    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
+        key = "info/is_success"
+        return ((self._opened,), arrays[key][:, np.newaxis]) if key in arrays else None

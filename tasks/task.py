@@ -14,7 +14,7 @@ import tree
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 from dm_env import specs
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
@@ -28,7 +28,7 @@ from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.observables import GOAL_PIXELS, ExtraObservables, Pictures, joined
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PARAMETERS, Pusher
-from kitchen_suite.tasks.records import Completions, Metrics
+from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
 from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
 from kitchen_suite.tasks.terms import Observation, RewardTerm, Termination
@@ -85,6 +85,7 @@ class SuiteTask(composer.Task):
       mdp: the task's settings, and the mathematics of an episode under them.
       variations: the parameters that vary.
       requests: the options of resets that belong to the task.
+      records: reads metrics and completions from infos and recordings of the task.
       policy_inputs: the observation as trained policies take it.
       observed: the enabled observables of the task by observation key, in order.
       extras: quantities of `extra_observables` that are observed beside the task's own; None if there are none.
@@ -116,6 +117,8 @@ class SuiteTask(composer.Task):
     # Of the domain's own classes, which its task names.
     mdp: Any
     requests: Any
+
+    records: Records
 
     variations: Variations
     policy_inputs: PolicyInputs
@@ -168,6 +171,7 @@ class SuiteTask(composer.Task):
         self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
         self.requests = Requests()
+        self.records = Records(self)
         self._reset = Reset()
         self.episode = EpisodeState()
         self.truncates = False
@@ -321,66 +325,20 @@ class SuiteTask(composer.Task):
         """Makes the next reset, and no later one, follow what `checked_reset` returned."""
         self._reset = reset
 
-    @abc.abstractmethod
-    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
-        """Returns the metrics of an episode.
-
-        Args:
-          infos: its last infos, of the Gymnasium environment or from a recording; arrays without leading axis.
-        """
-
-    @abc.abstractmethod
-    def progress_in(self, infos: Mapping[str, Any]) -> NDArray:
-        """Returns how far episodes have come, `(...)`, from their infos: a number that grows towards success."""
-
-    def completions_in(self, infos: Mapping[str, Any]) -> Completions | None:
-        """Returns which tasks an episode asks for and has completed, from infos without leading axis.
-
-        None if the task does not consist of tasks that can be counted.
-        """
-        return None
-
-    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
-        """Names of the task's goals, and whether each is reached after each step of a recorded episode.
-
-        Args:
-          arrays: the episode's `observation/...` and `info/...` arrays with a leading axis of `T + 1`.
-
-        Returns:
-          `n` names and a mask `(T + 1, n)`; None if the arrays do not determine it.
-        """
-        return None
-
     @property
     def episode_metrics(self) -> Metrics:
-        """Metrics of the present episode up to the last control step; see `metrics`."""
-        return self.metrics(self.mdp.info(self.state))
+        """Metrics of the present episode up to the last control step; see `records`."""
+        return self.records.metrics(self.mdp.info(self.state))
 
     @property
     def episode_completions(self) -> Completions | None:
         """Tasks that the present episode asks for and has completed; None if they cannot be counted."""
-        return self.completions_in(self.mdp.info(self.state))
+        return self.records.completions(self.mdp.info(self.state))
 
     def reset_statistics(self) -> None:
         """Resets all memory of earlier episodes, so that a run does not depend on earlier ones."""
         zeros = {name: np.zeros_like(getattr(self.state, name)) for name in self.mdp.persistent}
         self.episode = self.episode._replace(mdp_state=self.state._replace(**zeros))
-
-    def restore(self, physics: mjcf.Physics, observation: Array) -> None:
-        """Moves robot and objects to the positions and velocities of a recorded observation.
-
-        The caller updates what MuJoCo derives from these, as `Environment.set_state` does. Raises a ValueError if the
-        task's episodes start from a seed only.
-        """
-        raise ValueError(f"an episode of {type(self).__name__} can be repeated only from its seed, which is missing")
-
-    def set_observed_positions(self, observation: Array) -> None:
-        """Makes the next action start from the robot's positions in a recorded observation; raises as `restore`."""
-        raise ValueError(f"an episode of {type(self).__name__} can be repeated only from its seed, which is missing")
-
-    def is_initial(self, physics: mjcf.Physics, observation: Array) -> bool:
-        """Whether a recorded observation is one of the present physics state, up to noise and rounding."""
-        return True
 
     def get_state(self) -> dict[str, Any]:
         """Returns the task's state beside the physics: nested dicts of strings and fresh arrays."""
@@ -534,9 +492,9 @@ class SuiteTask(composer.Task):
             values = self.observations.measure(self.simulation, state, ())
             episode = episode._replace(measured=Measured(values, self.observations.uncorrupted(values)))
         self._set_episode(episode if before is None else episode.persisting(mdp.persistent, before, True), physics)
-        self._start_command(physics)
+        self.start_command(physics)
 
-    def _start_command(self, physics: mjcf.Physics) -> None:
+    def start_command(self, physics: mjcf.Physics) -> None:
         """Makes the control mode start from the present state of the physics."""
         if self.mdp.action_mode.reads_derived:
             mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)

@@ -304,7 +304,7 @@ class TeleoperatedEpisode(LiveEpisode):
         if self.seed in self.present:
             raise ValueError(f"an episode of seed {self.seed} has been saved already: choose another seed, and reset")
         episode = self.episode()
-        stats = EpisodeStats.of(episode, self._environment.task.metrics(episode.last_info))
+        stats = EpisodeStats.of(episode, self._environment.task.records.metrics(episode.last_info))
         self._folder.save(episode, stats)
         self.forget()
         self.saved += 1

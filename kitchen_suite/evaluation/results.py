@@ -123,10 +123,10 @@ class EpisodeResult:
     @classmethod
     def of(cls, task: SuiteTask, infos: Mapping[str, Any], *, control_steps: int, **others: Any) -> "EpisodeResult":
         """Returns an episode's result from the last infos of its task, without leading axis, and other attributes."""
-        completions = task.completions_in(infos)
+        completions = task.records.completions(infos)
         return cls(
             success=bool(infos["is_success"]),
-            progress=float(task.progress_in(infos)),
+            progress=float(task.records.progress(infos)),
             control_steps=control_steps,
             asked=completions.steps_by_task if completions else None,
             **others,

@@ -116,7 +116,7 @@ class RecordingJob:
                 episode = self._play(seed, actions, columns)
                 folder = RecordingFolder.claim(self._output, self._spec)
                 if episode.index not in folder.indices:
-                    folder.save(episode, EpisodeStats.of(episode, task.metrics(episode.last_info)))
+                    folder.save(episode, EpisodeStats.of(episode, task.records.metrics(episode.last_info)))
                 indices.append(episode.index)
                 self._finished += 1
         print(f"{self._finished} episodes of {self._source} ({self._layout.title}), which play again to the bit")

@@ -214,7 +214,7 @@ def convert(
     completed = task.requests.tasks_in(order)
     instruction = task.requests.instructions_in(order)[0] if completed else ""
     episode = EpisodeArrays(index=index, seed=None, arrays=buffer.arrays(), instruction=instruction)
-    return episode, {**task.metrics(episode.last_info), "success": bool(completed)}, completed
+    return episode, {**task.records.metrics(episode.last_info), "success": bool(completed)}, completed
 
 
 def _info(task: KitchenTask, state: KitchenState, step: int) -> dict[str, Any]:

@@ -126,7 +126,7 @@ class RecordJob:
                     diverged.append(self._spec.seed + index)
                     continue
                 episode = dataclasses.replace(episode, seconds=episode.seconds / self._processes)
-                stats = EpisodeStats.of(episode, task.metrics(episode.last_info))
+                stats = EpisodeStats.of(episode, task.records.metrics(episode.last_info))
                 self._folder.save(episode, stats)
                 bar.count(bool(stats.metrics["success"]))
         return sorted(diverged)

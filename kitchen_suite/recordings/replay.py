@@ -64,7 +64,7 @@ def replay(
     watch(buffer)
     for step, action in enumerate(recorded.arrays["action"]):
         if recorded.seed is None and states is not None:
-            suite_env(environment).composer_task.set_observed_positions(states[step])
+            suite_env(environment).composer_task.records.set_observed_positions(states[step])
         buffer.step(environment, action)
         watch(buffer)
     episode = buffer.episode(environment, recorded.index, recorded.seed)
@@ -107,10 +107,10 @@ def _start(
     if states is None:
         return observation, info
     if recorded.seed is None:
-        task.set_observed_positions(states[0])
+        task.records.set_observed_positions(states[0])
     physics = inner.environment.physics
-    if np.isfinite(states[0]).all() and not task.is_initial(physics, states[0]):
-        task.restore(physics, states[0])
+    if np.isfinite(states[0]).all() and not task.records.is_initial(physics, states[0]):
+        task.records.restore(physics, states[0])
         observation = inner.set_state(inner.get_state())
     return observation, info
 
@@ -194,7 +194,7 @@ def _compare_completions(
     """Returns the first step after which completions differ, and the tasks that do."""
     if not _have_same_layout(recorded.arrays, replayed.arrays):
         return None, ()
-    one, other = task.goals_reached(recorded.arrays), task.goals_reached(replayed.arrays)
+    one, other = task.records.goals_reached(recorded.arrays), task.records.goals_reached(replayed.arrays)
     if one is None or other is None:  # Recorded without infos.
         return None, ()
     names = np.array(one[0])

@@ -101,7 +101,7 @@ class RolloutJob:
         return [(index, self._settings.seed + index) for index in range(self._settings.num_episodes)]
 
     def _add(self, episode: EpisodeArrays) -> bool:
-        stats = EpisodeStats.of(episode, self._environment.task.metrics(episode.last_info))
+        stats = EpisodeStats.of(episode, self._environment.task.records.metrics(episode.last_info))
         if self._folder:
             self._folder.save(episode, stats)
         print_line(self._report.add(stats, episode.index))

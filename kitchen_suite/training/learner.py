@@ -122,7 +122,7 @@ class Training(abc.ABC):
 
 def episode_metrics(task: SuiteTask, infos: Mapping[str, Any]) -> dict[str, NDArray]:
     """Returns the `EPISODE_METRICS` `(n,)` of episodes of a task from their last infos."""
-    values = (infos["is_success"], task.progress_in(infos), infos["episode_step"])
+    values = (infos["is_success"], task.records.progress(infos), infos["episode_step"])
     return {name: np.asarray(value, np.float64) for name, value in zip(EPISODE_METRICS, values, strict=True)}
 
 

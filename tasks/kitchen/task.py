@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from dm_control import mjcf
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.entities import Franka, Scene
@@ -18,13 +18,13 @@ from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, OUT_OF_REACH, THRESHOLD, Start, build_goals, initial_qpos, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
-from kitchen_suite.tasks.kitchen.observation import ROUNDING, KitchenSensors, noise_scale
+from kitchen_suite.tasks.kitchen.observation import KitchenSensors, noise_scale
+from kitchen_suite.tasks.kitchen.records import KitchenRecords
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, TaskRequests
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.observables import shown_at
 from kitchen_suite.tasks.orders import REQUESTED, TaskDraw
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
-from kitchen_suite.tasks.records import Completions, Metrics
 from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
@@ -162,6 +162,7 @@ class KitchenTask(SuiteTask):
         super().__init__(scene, mdp, **observables)
         self.requests = TaskRequests(goal_set, mdp.task_draw, goal_states, mdp.initial_qpos.size)
         handles = (goal.handle_in(scene) for goal in goal_set.goals)
+        self.records = KitchenRecords(self)
         self.vary(
             handles=[handle for handle in handles if handle.name not in OUT_OF_REACH],
             parameters=[done_parameter(scene, lambda: self.requests.tasks)],
@@ -253,62 +254,6 @@ class KitchenTask(SuiteTask):
     def completion_steps(self) -> dict[str, int]:
         """Control step, from 1, at which each task was first completed, in order of completion."""
         return self.mdp.goals.by_completion(self.progress.completion_steps)
-
-    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
-        """Returns whether all requested tasks were completed, and the control step of each completion."""
-        completions = self.completions_in(infos)
-        steps = self.mdp.goals.by_completion(completions.steps)
-        return {"success": len(steps) == int(completions.requested.sum()), "tasks_completed": steps}
-
-    def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.int64]:
-        """Returns the number of completed tasks."""
-        return infos["episode_task_completions_mask"].sum(axis=-1)
-
-    def completions_in(self, infos: Mapping[str, Any]) -> Completions:
-        tasks = self.mdp.goals.tasks
-        return Completions(tasks, infos.get(f"{REQUESTED}_mask", np.full(len(tasks), True)), infos["completion_steps"])
-
-    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
-        success, goals = self.mdp.success, self.mdp.goals
-        keys = [f"observation/achieved_goal/{task}" for task in goals.tasks]
-        achieved = arrays.get("observation/achieved_goal")
-        if arrays.keys() >= {*keys}:
-            achieved = np.concatenate([arrays[key] for key in keys], axis=1)
-        if achieved is not None:
-            within: NDArray[np.bool_] | None = success.within(achieved)
-        else:
-            distances = arrays.get("info/task_distances")
-            within = None if distances is None else success.within_distances(distances)
-        if within is None:
-            return None
-        requested = arrays.get(f"info/{REQUESTED}_mask", arrays.get(f"observation/{REQUESTED}"))
-        return goals.tasks, within if requested is None else within & (requested > 0)
-
-    def is_initial(self, physics: mjcf.Physics, observation: Array) -> bool:
-        present = self.mdp.clean_observation(self.simulation, self.state)
-        greatest = self.episode.scaled(self.mdp.noise_scale)
-        return bool((np.abs(observation - present) <= greatest + ROUNDING).all())
-
-    def restore(self, physics: mjcf.Physics, observation: Array) -> None:
-        self.mdp.sensors.indices.write(physics, observation)
-        self.mdp.sensors.refresh(physics)
-        reading = self.mdp.sensors.read(self.simulation)
-        self.set_mdp_state(
-            self.state._replace(
-                positions=reading.positions,
-                target=self.robot.holding_targets(reading.positions),
-                achieved=reading.achieved,
-                distances=self.mdp.goals.distances(reading.achieved),
-                shaping=self.mdp.start_shaping(reading),
-            )
-        )
-        self._start_command(physics)
-
-    def set_observed_positions(self, observation: Array) -> None:
-        noise = self.state.noise.copy()
-        robot = self.mdp.sensors.parts.robot_positions
-        noise[robot] = observation[robot] - self.state.positions
-        self.set_mdp_state(self.state._replace(noise=noise))
 
     def initial_state(self, draws: Array) -> KitchenState:
         state: KitchenState = super().initial_state(draws)

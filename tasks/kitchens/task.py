@@ -1,6 +1,6 @@
 """The task of the kitchens domain: open, close, turn on, turn off and move parts of a generated kitchen."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,11 @@ from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.kitchens.certificates import certificate_of
 from kitchen_suite.tasks.kitchens.mdp import KitchensMDP, KitchensState, SlotSensors, noise_scale, size
-from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, TaskDraw, checked_order, in_order, order_of
+from kitchen_suite.tasks.kitchens.records import PartRecords
+from kitchen_suite.tasks.kitchens.requests import VERBS, PartRequests, verb_of
+from kitchen_suite.tasks.orders import in_order
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PUSH
-from kitchen_suite.tasks.records import Completions, Metrics
-from kitchen_suite.tasks.requests import Requests
 from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations import appearance
@@ -41,15 +41,6 @@ VARIED: tuple[ParameterVariation, ...] = (
 HOME = INITIAL_QPOS[:9]  # Positions of the robot's joints at the start [rad, m].
 RESET_NOISE = 0.05  # Greatest noise on the positions of the arm's joints at the start [rad].
 
-# Verbs of tasks: whether they begin with the part open or on, and the kinds of parts that they are for.
-VERBS: Mapping[str, tuple[bool, frozenset[str]]] = {
-    "open": (False, frozenset({"drawer", "door", "sliding door"})),
-    "close": (True, frozenset({"drawer", "door", "sliding door"})),
-    "turn_on": (False, frozenset({"knob", "switch"})),
-    "turn_off": (True, frozenset({"knob", "switch"})),
-    "move_kettle": (False, frozenset({"kettle"})),
-}
-
 _SENTENCES = {
     "open": ("open the {}", "pull open the {}", "get the {} open", "open up the {}"),
     "close": ("close the {}", "shut the {}", "push the {} shut", "get the {} closed"),
@@ -62,96 +53,6 @@ _SENTENCES = {
         "bring the kettle to the back burner",
     ),
 }
-
-
-class PartRequests(Requests):
-    """The parts that episodes ask for: drawn at a reset among those that the task's verbs are for, unless named.
-
-    Attributes:
-      tasks: names of the tasks that episodes may ask for, such as `open drawers_1/drawer_2`.
-      order: `(K,)`, place of each requested part in the episode that starts, from 0, and -1 for the others.
-      goal: `(K,)`, opening that is asked for, 0 or 1; 0 for the others.
-    """
-
-    options = (REQUESTED,)
-
-    def __init__(
-        self,
-        scene: GeneratedKitchen,
-        verbs: Sequence[str],
-        count: object,
-        num_slots: int = MAX_PARTS,
-        allowed: Collection[str] | None = None,
-    ) -> None:
-        """Collects the tasks of some verbs in a kitchen, all or those allowed; episodes ask for at most `num_slots`."""
-        self._num_slots = num_slots
-        self._slots: dict[str, tuple[int, bool]] = {}
-        for k, (name, (_, part)) in enumerate(zip(scene.part_names, scene.parts, strict=True)):
-            for verb in verbs:
-                begins_open, kinds = VERBS[verb]
-                task = f"{verb} {name}"
-                if part.kind in kinds and (allowed is None or task in allowed):
-                    self._slots[task] = k, not begins_open
-        self.tasks = tuple(self._slots)
-        if not self.tasks:
-            parts = ", ".join(sorted({part.kind for _, part in scene.parts}))
-            nothing = "nothing" if allowed is None else "nothing certified"
-            raise ValueError(
-                f"kitchen {scene.design.name or 'of this design'} has {nothing} to {' or '.join(verbs)}: it has {parts}"
-            )
-        # The first task of each part.
-        slots = {k: (k, opens) for k, opens in reversed(self._slots.values())}
-        self._draw = TaskDraw.make(count, len(slots))
-        self._check_count(self._draw.most)
-        self._weights = np.isin(np.arange(MAX_PARTS), list(slots)).astype(np.float64)
-        # Whether a part may be asked to be open, and to be closed.
-        self._directions = np.zeros((2, MAX_PARTS), bool)
-        for k, opens in self._slots.values():
-            self._directions[int(opens), k] = True
-        # Before the first reset.
-        self._request([slots[k] for k in sorted(slots)[: self._draw.most]])
-
-    def checked(self, options: Mapping[str, Any]) -> tuple[str, ...] | None:
-        if options.get(REQUESTED) is None:
-            return None
-        names = checks.unique_names(options[REQUESTED], REQUESTED)
-        tasks = tuple(checks.choice(name, self.tasks, REQUESTED) for name in names)
-        self._check_count(len(tasks))
-        if len({self._slots[task][0] for task in tasks}) < len(tasks):
-            raise ValueError(f"{REQUESTED} must not ask to open and to close the same part, got {checks.shown(names)}")
-        return tasks
-
-    def _check_count(self, count: int) -> None:
-        if count > self._num_slots:
-            raise ValueError(f"num_slots must be at least {count}, the parts that are requested, got {self._num_slots}")
-
-    def draw(self, random_state: np.random.RandomState, request: tuple[str, ...] | None) -> None:
-        order = self._draw.draw(random_state, self._weights)
-        opens = np.where(random_state.random_sample(MAX_PARTS) < 0.5, self._directions[1], ~self._directions[0])
-        self.order, self.goal = order, ((order >= 0) & opens).astype(np.float64)
-        if request is not None:
-            self._request([self._slots[task] for task in request])
-
-    def _request(self, slots: Sequence[tuple[int, bool]]) -> None:
-        """Asks for parts, each to be open or closed, in their sequence."""
-        self.order = order_of([k for k, _ in slots], MAX_PARTS)
-        self.goal = np.zeros(MAX_PARTS)
-        for k, opens in slots:
-            self.goal[k] = opens
-
-    def recorded(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
-        orders, goals = arrays.get(f"info/{REQUESTED_ORDER}"), arrays.get("info/goal_openings")
-        if orders is None or goals is None:
-            return {}
-        order, slots = checked_order(orders[0], MAX_PARTS, f"recorded {REQUESTED_ORDER}"), self._slots.values()
-        if goals.shape[1:] != order.shape or any((k, bool(goals[0, k])) not in slots for k in in_order(order)):
-            raise ValueError(f"recorded goal_openings ask for no tasks of this kitchen: {checks.shown(goals[0])}")
-        return {REQUESTED: self.names(order, goals[0])}
-
-    def names(self, order: NDArray[np.int64], goal: Array) -> list[str]:
-        """Returns the tasks that an order `(K,)` with goals `(K,)` asks for, in their sequence."""
-        by_slot = {slot: task for task, slot in self._slots.items()}
-        return [by_slot[k, bool(goal[k])] for k in in_order(order)]
 
 
 class KitchensTask(SuiteTask):
@@ -231,6 +132,7 @@ class KitchensTask(SuiteTask):
         self._words = part_words(scene)
         allowed = certificate_of(scene.design).certified if checks.boolean(certified, "certified") else None
         self.requests = PartRequests(scene, names, tasks_per_episode, mdp.num_slots, allowed)
+        self.records = PartRecords(self)
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
         self.vary(handles=handles, home=HOME)
         state_size = size(mdp.num_slots) + self.extra_size
@@ -252,29 +154,12 @@ class KitchensTask(SuiteTask):
         return tuple(", then ".join(sentences) for sentences in zip(*each, strict=True))
 
     def _sentences(self, k: int, opens: bool) -> tuple[str, ...]:
-        return tuple(sentence.format(self._words[k]) for sentence in _SENTENCES[_verb(self._parts[k][1], opens)])
+        return tuple(sentence.format(self._words[k]) for sentence in _SENTENCES[verb_of(self._parts[k][1], opens)])
 
     @property
     def requested_tasks(self) -> list[str]:
         """Tasks that the episode asks for, in their order."""
         return self.requests.names(self.state.order, self.state.goal)
-
-    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
-        """Returns whether everything requested was completed, and the control step of each completion."""
-        completed = self.completions_in(infos).steps_by_task
-        return {
-            "success": all(step is not None for step in completed.values()),
-            "tasks_completed": {name: step for name, step in completed.items() if step is not None},
-        }
-
-    def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.int64]:
-        """Returns the number of completed tasks."""
-        return (infos["completion_steps"] > 0).sum(axis=-1)
-
-    def completions_in(self, infos: Mapping[str, Any]) -> Completions:
-        slots, goal = np.flatnonzero(infos[f"{REQUESTED}_mask"]), infos["goal_openings"]
-        tasks = tuple(f"{_verb(self._parts[k][1], bool(goal[k]))} {self._names[k]}" for k in slots)
-        return Completions(tasks, np.full(len(tasks), True), infos["completion_steps"][slots])
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._columns = physics.bind(self.robot.joints).qposadr
@@ -319,11 +204,6 @@ class KitchensTask(SuiteTask):
         if self._visualize_reward and physics is not None:
             within = self.state.progress.within[: len(self._parts)]
             self._highlighting.update(within.tolist())
-
-
-def _verb(part: Part, opens: bool) -> str:
-    """Returns the verb of the task to open a part or turn it on, or else to close it or turn it off."""
-    return next(verb for verb, (begins_open, kinds) in VERBS.items() if part.kind in kinds and begins_open != opens)
 
 
 def part_words(scene: GeneratedKitchen) -> tuple[str, ...]:

@@ -22,10 +22,11 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     SIZE,
     MicrowaveTableMDP,
 )
-from kitchen_suite.tasks.opening import OpeningTask
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PUSH
+from kitchen_suite.tasks.records import OpeningRecords
 from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
+from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 from kitchen_suite.tasks.variations.randomizer import Values
@@ -75,7 +76,7 @@ CONTROL_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
 )
 
 
-class MicrowaveTableTask(OpeningTask):
+class MicrowaveTableTask(SuiteTask):
     """Open the door of a microwave on a table.
 
     Start: the robot in its initial pose before the microwave, with noise U(-0.05, 0.05) rad on the arm's joints; the
@@ -91,7 +92,6 @@ class MicrowaveTableTask(OpeningTask):
     instructions = OPEN_MICROWAVE
     control_modes = CONTROL_MODES
     varied = VARIED
-    opened = "door"
 
     def __init__(
         self, scene: Scene, *, threshold: float = 0.3, control_mode: str = "joint_offset", **options: Any
@@ -118,6 +118,7 @@ class MicrowaveTableTask(OpeningTask):
             threshold=checks.number(threshold, "threshold"),
         )
         super().__init__(scene, mdp, **observables)
+        self.records = OpeningRecords(self, "door")
         self.vary(
             handles=[goal.handle_in(scene) for goal in self._goals.goals],
             home=DEFAULT_POSE,

@@ -18,9 +18,10 @@ from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSenso
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, OpenCabinetMDP
 from kitchen_suite.tasks.open_cabinet.reward import REWARDS
 from kitchen_suite.tasks.open_cabinet.variations import VARIED
-from kitchen_suite.tasks.opening import OpeningTask
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
+from kitchen_suite.tasks.records import OpeningRecords
 from kitchen_suite.tasks.simulation import as_columns
+from kitchen_suite.tasks.task import SuiteTask
 
 # Instructions by drawer; see `tasks.goals`.
 INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -38,7 +39,7 @@ INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 RESET_NOISE = 0.125  # Greatest noise on each joint at the start [rad, m].
 
 
-class OpenCabinetTask(OpeningTask):
+class OpenCabinetTask(SuiteTask):
     """Pull a drawer of the cabinet open.
 
     Start: the robot in its default pose in front of the cabinet, with noise U(-0.125, 0.125) on each joint within its
@@ -61,7 +62,6 @@ class OpenCabinetTask(OpeningTask):
     domain_name = "open_cabinet"
     control_modes = OFFSET_MODES
     varied = VARIED
-    opened = "drawer"
 
     def __init__(
         self,
@@ -105,6 +105,7 @@ class OpenCabinetTask(OpeningTask):
         )
         self.reward_name = reward
         super().__init__(scene, mdp, **observables)
+        self.records = OpeningRecords(self, "drawer")
         self.vary(handles=[scene.cabinet.handle_site(drawer)], home=DEFAULT_POSE)
         name = f"{drawer}_drawer" + ("" if reward == "original" else f"_{reward}")
         self.policy_inputs = PolicyInputs(names=(name,), state_size=observation.SIZE + self.extra_size)

@@ -257,7 +257,7 @@ def test_what_the_viewer_saves_is_a_recording_of_kitchen_record(tmp_path, capsys
 def stats_of(live, episode):
     from kitchen_suite.rollouts.episode import EpisodeStats
 
-    return EpisodeStats.of(episode, live._environment.task.metrics(episode.last_info))
+    return EpisodeStats.of(episode, live._environment.task.records.metrics(episode.last_info))
 
 
 def test_an_episode_may_be_forbidden_to_go_back():

@@ -53,7 +53,7 @@ def test_goals_that_are_not_asked_are_not_reached():
     assert record.main([*RECORD, "--num_episodes=1", "--max_episode_steps=2", '--task_kwargs={"threshold": 9}']) == 0
     spec, (episode,) = recorded()
     task = spec.make_environment().unwrapped.composer_task
-    names, reached = task.goals_reached(episode.arrays)
+    names, reached = task.records.goals_reached(episode.arrays)
     np.testing.assert_array_equal(reached[-1], episode.arrays["info/requested_tasks_mask"][0])
     assert names == DEFAULT_TASKS
     bad = {**episode.arrays, "info/requested_order": np.full((2, 7), 3)}

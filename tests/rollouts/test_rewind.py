@@ -66,7 +66,9 @@ def test_what_is_left_is_as_if_it_had_never_gone_otherwise(kind, tmp_path):
     # It is saved and replayed as any recording.
     folder = RecordingFolder.claim(tmp_path / "runs", dataclasses.replace(spec, policy="teleop", seed=3))
     episode = EpisodeArrays(index=0, seed=3, arrays=arrays)
-    folder.save(episode, EpisodeStats.of(episode, suite_env(one.environment).composer_task.metrics(episode.last_info)))
+    folder.save(
+        episode, EpisodeStats.of(episode, suite_env(one.environment).composer_task.records.metrics(episode.last_info))
+    )
     assert replay.main([str(tmp_path / "runs")]) == 0
 
 

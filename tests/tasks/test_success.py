@@ -170,10 +170,10 @@ def test_gymnasium_decides_as_the_task_does():
 def test_recordings_show_what_was_reached():
     task = load(["microwave"], success="strict").task
     arrays = {"observation/achieved_goal": np.array([[0.0], [-0.6], [-0.74]])}
-    assert task.goals_reached(arrays)[1].tolist() == [[False], [False], [True]]
+    assert task.records.goals_reached(arrays)[1].tolist() == [[False], [False], [True]]
     # Distances do not say which joints are off.
-    assert task.goals_reached({"info/task_distances": np.zeros((3, 1))}) is None
-    by_distance = load(["microwave"]).task.goals_reached({"info/task_distances": np.array([[0.5], [0.1]])})
+    assert task.records.goals_reached({"info/task_distances": np.zeros((3, 1))}) is None
+    by_distance = load(["microwave"]).task.records.goals_reached({"info/task_distances": np.array([[0.5], [0.1]])})
     assert by_distance[1].tolist() == [[False], [True]]
 
 

@@ -136,7 +136,7 @@ class KitchenSuiteBenchmark(StepBenchmark):
 
     def get_step_result(self, step_result: StepResult) -> EpisodeResult:
         """Returns `success`, and `progress`: the number of completed tasks, or the opening of a drawer or door."""
-        progress = self._inner.composer_task.progress_in(step_result.info)
+        progress = self._inner.composer_task.records.progress(step_result.info)
         return {"success": bool(step_result.info["is_success"]), "progress": float(progress)}
 
     def get_metric_keys(self) -> dict[str, str]:

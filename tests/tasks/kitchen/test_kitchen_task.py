@@ -92,7 +92,7 @@ def test_metrics_are_read_from_infos():
     environment.step(np.zeros(9))
     task = environment.task
     assert task.episode_metrics == {"success": False, "tasks_completed": {"kettle": 1}}
-    assert task.metrics({"completion_steps": np.array([5, 2])}) == {
+    assert task.records.metrics({"completion_steps": np.array([5, 2])}) == {
         "success": True,
         "tasks_completed": {"kettle": 2, "microwave": 5},
     }
@@ -111,13 +111,13 @@ def test_robot_and_objects_are_restored_from_an_observation():
     environment.reset()
     first = other.reset().observation
     start = np.concatenate([first[key] for key in list(first)[:4]])
-    assert environment.task.is_initial(environment.physics, start)
+    assert environment.task.records.is_initial(environment.physics, start)
     set_objects(other, "microwave", -0.4)
     observation = other.step(np.full(9, 0.2)).observation
     recorded = np.concatenate([observation[key] for key in list(observation)[:4]])
-    assert not environment.task.is_initial(environment.physics, recorded)
-    environment.task.restore(environment.physics, recorded)
-    assert environment.task.is_initial(environment.physics, recorded)
+    assert not environment.task.records.is_initial(environment.physics, recorded)
+    environment.task.records.restore(environment.physics, recorded)
+    assert environment.task.records.is_initial(environment.physics, recorded)
     np.testing.assert_array_equal(environment.physics.data.qpos, other.physics.data.qpos)
     np.testing.assert_array_equal(environment.task.task_distances, other.task.task_distances)
 
@@ -126,7 +126,7 @@ def test_the_next_action_starts_from_the_recorded_positions():
     environment = load()
     environment.reset()
     recorded = np.linspace(-0.1, 0.02, 59)
-    environment.task.set_observed_positions(recorded)
+    environment.task.records.set_observed_positions(recorded)
     environment.task.before_step(environment.physics, np.zeros(9), environment.random_state)
     np.testing.assert_allclose(
         environment.physics.data.ctrl, recorded[:9].clip(POSITION_LOW, POSITION_HIGH), atol=1e-15

@@ -223,7 +223,7 @@ def test_an_episode_cannot_be_restored_from_an_observation():
     env = load()
     env.reset()
     with pytest.raises(ValueError, match="can be repeated only from its seed"):
-        env.task.restore(env.physics, np.zeros(25))
+        env.task.records.restore(env.physics, np.zeros(25))
 
 
 def test_noise_is_off_unless_asked_for_and_is_then_clipped_too():
