@@ -7,7 +7,6 @@ A task has an `MDP`, the mathematics of its episodes; `Sensors`, which read a `S
 import abc
 import dataclasses
 import functools
-import inspect
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -20,7 +19,7 @@ from dm_env import specs
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from kitchen_suite import checks
+from kitchen_suite import checks, signatures
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.robot import Robot
@@ -331,7 +330,7 @@ class ActionMode(abc.ABC):
     @property
     def settings(self) -> dict[str, Any]:
         """Arguments of the class, which modes keep as attributes of the same names."""
-        return {argument: getattr(self, argument) for argument in inspect.signature(type(self)).parameters}
+        return {argument: getattr(self, argument) for argument in signatures.names(type(self))}
 
     @functools.cached_property
     def reads_derived(self) -> bool:

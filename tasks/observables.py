@@ -235,6 +235,7 @@ class Pictures:
     def __init__(
         self,
         root: mjcf.RootElement,
+        /,
         *,
         cameras: Sequence[str] = (),
         image_size: Sequence[int] | None = None,

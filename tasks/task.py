@@ -266,6 +266,7 @@ class SuiteTask(composer.Task):
         self,
         scene: Scene,
         mdp: MDP,
+        /,
         *,
         extra_observables: Sequence[str] = (),
         variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
