@@ -295,7 +295,7 @@ def observation_type_table() -> str:
     """Returns the table of the observation types with their spaces by domain."""
     rows = []
     for name, record in suite.DOMAINS.items():
-        env_class = record.resolve("env")
+        env_class = record.env_class
         for obs_type in env_class.obs_types:
             env = env_class(obs_type=obs_type, **({"goal_format": "flat"} if obs_type == "goal" else {}))
             default = " (default)" if obs_type == env_class.obs_types[0] else ""

@@ -21,10 +21,6 @@ if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
     from kitchen_suite.tasks import SuiteTask
 
-# Entry points of the classes for any domain.
-GENERIC_ENV = "kitchen_suite.gymnasium_env.base:SuiteEnv"
-GENERIC_VECTOR_ENV = "kitchen_suite.vector_env.base:SuiteVectorEnv"
-
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _ENV_ID = re.compile(r"[\w.-]+/[\w.-]+-v\d+")
 _ENTRY_POINT = re.compile(r"\w+(\.\w+)*:\w+")
@@ -52,9 +48,8 @@ class Domain:
         the first of `tasks`.
       replaceable: arguments of `tasks` that a caller may replace.
       physics: of its environments by default, one of `names.PHYSICS`.
-      env: entry point of the class of the Gymnasium environment. `register` replaces the default by that of the suite's
-        domain whose task the domain's task extends.
-      vector_env: entry point of the class of the vectorised environment; its default follows the same rule.
+      env: entry point of the class of the Gymnasium environment; that of the task's `environment_classes` when omitted.
+      vector_env: entry point of the class of the vectorised environment; its default is the task's as well.
       training: entry point of the `training.hyperparameters.Recipe`; None for the general defaults.
       recording: entry point of the presets of `kitchen-record`: by name, the settings that they fix.
       evaluation: entry point of the `evaluation.protocols.DomainProtocols`; None for the general protocols alone.
@@ -74,8 +69,8 @@ class Domain:
     benchmark_tasks: Collection[str] = ()
     replaceable: Collection[str] = ()
     physics: str = EXACT
-    env: str = GENERIC_ENV
-    vector_env: str = GENERIC_VECTOR_ENV
+    env: str | None = None
+    vector_env: str | None = None
     training: str | None = None
     recording: str | None = None
     evaluation: str | None = None
@@ -130,6 +125,26 @@ class Domain:
         """Returns the object that an attribute names by its entry point, or is itself; None for None."""
         value = getattr(self, attribute)
         return pkgutil.resolve_name(value) if isinstance(value, str) else value
+
+    @property
+    def env_entry_point(self) -> str:
+        """Entry point of the class of the Gymnasium environment."""
+        return self.env or self.resolve("task").environment_classes.single
+
+    @property
+    def vector_env_entry_point(self) -> str:
+        """Entry point of the class of the vectorised environment."""
+        return self.vector_env or self.resolve("task").environment_classes.vector
+
+    @property
+    def env_class(self) -> type[Any]:
+        """Class of the Gymnasium environment, a `SuiteEnv`."""
+        return pkgutil.resolve_name(self.env_entry_point)
+
+    @property
+    def vector_env_class(self) -> type[Any]:
+        """Class of the vectorised environment, a `SuiteVectorEnv`."""
+        return pkgutil.resolve_name(self.vector_env_entry_point)
 
     def arguments(self, *environments: Callable[..., Any]) -> Mapping[str, Argument]:
         """Returns the arguments of `load`, or of the classes of other environments of the domain, by name."""

@@ -11,6 +11,7 @@ from dm_control.composer.observation import observable
 
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.names import MICROWAVE_TABLE_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JointOffset
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
@@ -88,6 +89,7 @@ class MicrowaveTableTask(OpeningTask):
     mdp: MicrowaveTableMDP
 
     domain_name = "microwave_table"
+    environment_classes = MICROWAVE_TABLE_ENVIRONMENT
     instructions = OPEN_MICROWAVE
     control_modes = CONTROL_MODES
     varied = VARIED

@@ -18,7 +18,7 @@ from kitchen_suite.tasks import MicrowaveTableTask
 
 
 def of_gymnasium(domain):
-    return domain.arguments(domain.resolve("env")).keys()
+    return domain.arguments(domain.env_class).keys()
 
 
 def of_load(domain):
@@ -26,7 +26,7 @@ def of_load(domain):
 
 
 def of_vectors(domain):
-    return domain.arguments(domain.resolve("vector_env"), domain.resolve("env")).keys()
+    return domain.arguments(domain.vector_env_class, domain.env_class).keys()
 
 
 def load(domain, **task_kwargs):
@@ -87,7 +87,7 @@ def test_arguments_of_a_users_scene_and_task_reach_them_from_every_front_end(bon
 
 
 def test_an_argument_belongs_to_the_part_that_takes_it_and_has_the_outermost_default(bonus):
-    found = BONUS.arguments(DOMAINS["microwave_table"].resolve("env"))
+    found = BONUS.arguments(DOMAINS["microwave_table"].env_class)
     expected = {
         "elevation": ("scene", 0.0),
         "visuals": ("scene", None),
@@ -132,7 +132,7 @@ def test_what_suite_load_does_not_take_is_refused_with_the_way(domain):
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
 def test_what_gymnasium_does_not_take_is_refused_with_the_way(domain):
     single, many = of_gymnasium(domain), of_vectors(domain)
-    environment_class, vector_class = domain.resolve("env"), domain.resolve("vector_env")
+    environment_class, vector_class = domain.env_class, domain.vector_env_class
     assert {"time_limit", "random", "environment_kwargs"} <= of_load(domain) - many
     for name in sorted((of_load(domain) | many) - single):
         with refused(TypeError, f"unexpected keyword argument {name!r}: ") as raised:
