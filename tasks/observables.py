@@ -246,7 +246,7 @@ class Pictures:
 
         Args:
           root: model of the arena, with everything attached to it.
-          cameras: names; none for no pictures.
+          cameras: names of the cameras whose pictures are observed; none for no pictures.
           image_size: height and width [pixels]; 128 x 128 when omitted.
           depth: whether each camera also measures depth [m], float32 `(height, width, 1)`.
           segmentation: whether each camera also returns what each pixel shows, int32 `(height, width, 2)`: MuJoCo's

@@ -187,7 +187,7 @@ class Domain:
           control_timestep: length of a control step [s], a whole number of physics steps; the domain's when omitted.
             The default `time_limit` stays as many control steps.
           environment_kwargs: further arguments of `Environment`.
-          **arguments: of the functions `scene` and `task`, documented there.
+          **arguments: of the functions `scene` and `task`; docs/guide/arguments.md lists those of each domain.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.

@@ -140,8 +140,8 @@ class SuiteEnv(gymnasium.Env):
             one that `kitchen-record` plays as its `k`-th. A number is the distance between these seeds. Without it all
             episodes after a seed draw from one stream.
           instructions: whether infos have the task's sentence as `instruction`, a string.
-          **arguments: of the domain's scene and task, documented there: among them `control_mode` with its arguments,
-            `cameras`, `extra_observables` and `variations`.
+          **arguments: of the domain's scene and task, among them `control_mode` with its arguments, `cameras`,
+            `extra_observables` and `variations`; docs/guide/arguments.md lists those of each domain.
         """
         record = suite.find_domain(domain or self.default_domain)
         self._seed_stride = checked_stride(episode_seeds)
