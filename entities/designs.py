@@ -491,8 +491,8 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
     """Builds the kitchen of a design.
 
     Args:
-      design: as of `KitchenDesign.make`.
-      split: `train` or `test`, of which the number is.
+      design: number of a design of the split, from 0, or a design as of `KitchenDesign.make`.
+      split: to which the number belongs, `train` or `test`.
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
     """
     made = KitchenDesign.make(design, split)

@@ -378,7 +378,8 @@ class MicrowaveTableArena(SiteArena):
 def build_microwave_table_scene(*, visuals: bool = True) -> Scene:
     """Builds the scene of the microwave_table domain: the Panda, in its own joint convention, before the microwave.
 
-    Without `visuals`, that is without visual geoms, it is faster; trajectories are the same to the bit.
+    Args:
+      visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
     """
     arena, robot = MicrowaveTableArena(visuals=visuals), Franka(PANDA, visuals=visuals)
     return Scene.furnish(arena, robot, [Microwave(visuals=visuals)])
@@ -404,9 +405,11 @@ class OpenCabinetScene(Scene):
 
 
 def build_open_cabinet_scene(cabinet_config: CabinetConfig | None = None, *, visuals: bool = True) -> OpenCabinetScene:
-    """Builds the scene of the open_cabinet domain, with given sizes and resistances of the cabinet, or the default.
+    """Builds the scene of the open_cabinet domain.
 
-    Without `visuals`, that is without visual geoms, it is faster; trajectories are the same to the bit.
+    Args:
+      cabinet_config: sizes and resistances of the cabinet, a `CabinetConfig`; the default ones when omitted.
+      visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
     """
     if not isinstance(cabinet_config, CabinetConfig | None):
         raise TypeError(f"cabinet_config must be a CabinetConfig, got {checks.shown(cabinet_config)}")

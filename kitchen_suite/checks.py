@@ -8,7 +8,6 @@ import collections
 import contextlib
 import difflib
 import importlib.util
-import inspect
 import json
 import math
 import numbers
@@ -17,7 +16,7 @@ import re
 import reprlib
 import shlex
 import sys
-from collections.abc import Callable, Collection, Iterable, Mapping, Set
+from collections.abc import Collection, Iterable, Mapping, Set
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -210,23 +209,19 @@ def _spelt_like(value: str, choices: Collection[str]) -> list[str]:
 
 def keywords(
     names: Iterable[object],
-    *functions: Callable[..., Any],
+    choices: Collection[str],
+    *,
     what: str,
-    exclude: Collection[str] = (),
     elsewhere: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """Raises a TypeError unless each name is a keyword argument of one of the functions, or classes.
+    """Raises a TypeError unless each name is among the names of the arguments that there are.
 
     Args:
-      names: of the arguments.
-      *functions: functions, or classes.
+      names: of the arguments that are given.
+      choices: names of all arguments.
       what: kind of the arguments, for the message.
-      exclude: arguments that are set otherwise.
       elsewhere: arguments of other functions, with what does the same here, for the message.
     """
-    parameters = [parameter for function in functions for parameter in inspect.signature(function).parameters.values()]
-    by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    choices = {parameter.name for parameter in parameters if parameter.kind in by_name}.difference(exclude)
     for name in names:
         if name not in choices:
             way = elsewhere.get(name) if isinstance(name, str) else None

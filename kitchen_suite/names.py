@@ -1,4 +1,6 @@
-"""Names that several packages share: of the kitchen's tasks, of kinds of physics, of packages of extras."""
+"""Names that several packages share: of the kitchen's tasks, kinds of physics, classes, and packages of extras."""
+
+from typing import NamedTuple
 
 # The seven of FrankaKitchen-v1, in its order.
 DEFAULT_TASKS = ("bottom burner", "top burner", "light switch", "slide cabinet", "hinge cabinet", "microwave", "kettle")
@@ -29,6 +31,40 @@ TASK_SETS = {
 
 EXACT, FAST = PHYSICS = ("exact", "fast")
 """Names of the ways in which a scene is simulated; the first is the default."""
+
+
+class EnvironmentClasses(NamedTuple):
+    """Entry points `module:name` of the classes of Gymnasium environments, single and vectorised."""
+
+    single: str
+    vector: str
+
+
+ANY_ENVIRONMENT = EnvironmentClasses(
+    single="kitchen_suite.gymnasium_env.base:SuiteEnv",
+    vector="kitchen_suite.vector_env.base:SuiteVectorEnv",
+)
+"""Those for tasks of any domain."""
+
+KITCHEN_ENVIRONMENT = EnvironmentClasses(
+    single="kitchen_suite.gymnasium_env.kitchen:FrankaKitchenEnv",
+    vector="kitchen_suite.vector_env.kitchen:FrankaKitchenVectorEnv",
+)
+
+OPEN_CABINET_ENVIRONMENT = EnvironmentClasses(
+    single="kitchen_suite.gymnasium_env.cabinets:FrankaOpenCabinetEnv",
+    vector="kitchen_suite.vector_env.cabinets:FrankaOpenCabinetVectorEnv",
+)
+
+MICROWAVE_TABLE_ENVIRONMENT = EnvironmentClasses(
+    single="kitchen_suite.gymnasium_env.cabinets:FrankaMicrowaveTableEnv",
+    vector="kitchen_suite.vector_env.cabinets:FrankaMicrowaveTableVectorEnv",
+)
+
+KITCHENS_ENVIRONMENT = EnvironmentClasses(
+    single="kitchen_suite.gymnasium_env.cabinets:KitchensEnv",
+    vector="kitchen_suite.vector_env.cabinets:KitchensVectorEnv",
+)
 
 # Packages that an extra installs, by the name of the extra, of which an error says that they are missing.
 EXTRA_PACKAGES = {"experts": ("daqp", "mink"), "remote": ("msgpack", "websockets")}

@@ -3,8 +3,6 @@
 Importing this module registers the Gymnasium ids and does not import dm_control.
 """
 
-import dataclasses
-import inspect
 import json
 import re
 from collections.abc import Callable, Mapping
@@ -16,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, lazy
-from kitchen_suite.domains.base import GENERIC_ENV, GENERIC_VECTOR_ENV, Domain
+from kitchen_suite.domains.base import Domain
 from kitchen_suite.domains.cabinets import MICROWAVE_TABLE, OPEN_CABINET
 from kitchen_suite.domains.kitchen import KITCHEN, KITCHENS
 
@@ -97,7 +95,6 @@ def register(domain: Domain) -> None:
     ids = {domain.env_id, *domain.task_ids.values()}
     if taken := sorted(ids & gymnasium.registry.keys()):
         raise ValueError(f"Gymnasium has environments of the ids {taken} already; choose another env_id or task_id")
-    domain = _with_classes(domain)
     _domains[domain.name] = domain
     _register_ids(domain, {"domain": domain.name})
     try:
@@ -109,18 +106,6 @@ def register(domain: Domain) -> None:
         raise
 
 
-def _with_classes(domain: Domain) -> Domain:
-    """Returns a domain with the Gymnasium classes of the domain whose task it extends, unless it has its own."""
-    bases = inspect.getmro(domain.resolve("task"))
-    others = [(bases.index(task), other) for other in DOMAINS.values() if (task := other.resolve("task")) in bases]
-    if not others:
-        return domain
-    _, nearest = min(others, key=lambda pair: pair[0])
-    classes = {"env": GENERIC_ENV, "vector_env": GENERIC_VECTOR_ENV}
-    taken = {name: getattr(nearest, name) for name, generic in classes.items() if getattr(domain, name) == generic}
-    return dataclasses.replace(domain, **taken)
-
-
 def _register_ids(domain: Domain, arguments: Mapping[str, Any]) -> None:
     """Registers the ids of a domain with Gymnasium, those that it does not have yet, with further arguments."""
     of_tasks = {domain.task_ids[task]: of_task for task, of_task in domain.tasks.items()}
@@ -130,16 +115,16 @@ def _register_ids(domain: Domain, arguments: Mapping[str, Any]) -> None:
         if env_id not in gymnasium.registry:
             gymnasium.register(
                 env_id,
-                entry_point=domain.env,
-                vector_entry_point=domain.vector_env,
+                entry_point=domain.env_entry_point,
+                vector_entry_point=domain.vector_env_entry_point,
                 max_episode_steps=domain.episode_steps,
                 kwargs={**arguments, **of_id},
             )
 
 
 for _domain in DOMAINS.values():
-    # A class of its own knows the domain.
-    _register_ids(_domain, {"domain": _domain.name} if _domain.env == GENERIC_ENV else {})
+    # Their classes know their domains.
+    _register_ids(_domain, {})
 
 
 # Control steps that a registration plays.
@@ -247,7 +232,7 @@ def find_domain(name: str) -> Domain:
     domain = checks.imported(name, "domain")
     if not isinstance(domain, Domain):
         raise ValueError(f"domain {checks.shown(name)} is no kitchen_suite.suite.Domain: it is {checks.shown(domain)}")
-    if DOMAINS.get(domain.name) != _with_classes(domain):
+    if DOMAINS.get(domain.name) != domain:
         register(domain)
     return DOMAINS[domain.name]
 

@@ -239,6 +239,7 @@ class Pictures:
     def __init__(
         self,
         root: mjcf.RootElement,
+        /,
         *,
         cameras: Sequence[str] = (),
         image_size: Sequence[int] | None = None,
@@ -249,7 +250,7 @@ class Pictures:
 
         Args:
           root: model of the arena, with everything attached to it.
-          cameras: names; none for no pictures.
+          cameras: names of the cameras whose pictures are observed; none for no pictures.
           image_size: height and width [pixels]; 128 x 128 when omitted.
           depth: whether each camera also measures depth [m], float32 `(height, width, 1)`.
           segmentation: whether each camera also returns what each pixel shows, int32 `(height, width, 2)`: MuJoCo's

@@ -20,6 +20,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
+from kitchen_suite.names import ANY_ENVIRONMENT, EnvironmentClasses
 from kitchen_suite.tasks.control_modes.mode import MEDIAN, ActionMode
 from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper, sensing_parameters
 from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
@@ -69,6 +70,7 @@ class SuiteTask(composer.Task):
 
     Attributes:
       domain_name: name of the domain whose expert acts in the task; None for a task outside the suite.
+      environment_classes: classes of the task's Gymnasium environments, where its domain names none.
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       varied: the parameters that groups vary, in the order in which they are drawn.
       extra_rewards: additional terms of the reward by name, in classes of a user's own: functions of a step; see
@@ -104,6 +106,7 @@ class SuiteTask(composer.Task):
     """
 
     domain_name: str | None = None
+    environment_classes: ClassVar[EnvironmentClasses] = ANY_ENVIRONMENT
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
     varied: ClassVar[Sequence[ParameterVariation]] = ()
     extra_rewards: ClassVar[Mapping[str, RewardTerm]] = MappingProxyType({})
@@ -141,6 +144,7 @@ class SuiteTask(composer.Task):
         self,
         scene: Scene,
         mdp: MDP,
+        /,
         *,
         extra_observables: Sequence[str] = (),
         variations: str | Sequence[str] | Mapping[str, Variation] | None = None,

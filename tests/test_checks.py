@@ -9,7 +9,7 @@ from kitchen_suite import checks
 # Each refuses every odd value.
 CHECKS = {
     "choice": lambda value: checks.choice(value, ["kettle"], "task"),
-    "keywords": lambda value: checks.keywords([value], np.full, what="argument"),
+    "keywords": lambda value: checks.keywords([value], ["shape"], what="argument"),
     "number": lambda value: checks.number(value, "threshold"),
     "integer": lambda value: checks.integer(value, "width", minimum=1, maximum=5),
     "boolean": lambda value: checks.boolean(value, "visuals"),

@@ -27,7 +27,7 @@ from kitchen_suite.tasks import GOALS
 
 ROOT = Path(__file__).resolve().parent.parent
 
-ENVIRONMENTS = {domain: suite.find_domain(domain).resolve("env") for domain in suite.DOMAINS}
+ENVIRONMENTS = {domain: suite.find_domain(domain).env_class for domain in suite.DOMAINS}
 
 # All that is chosen by name.
 CHOICES = {

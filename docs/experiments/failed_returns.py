@@ -47,7 +47,7 @@ def measure(task: str, reward: str, steps: int = STEPS) -> dict[str, Any]:
     steps_of_training = options.pop("max_episode_steps")
     training = spec_of(task, {**options, "reward": reward}, steps_of_training)
     evaluated = spec_of(task, {"reward": reward}, EPISODE_STEPS)
-    flat, failed = domain.resolve("env").flat_options, []
+    flat, failed = domain.env_class.flat_options, []
     with (
         contextlib.closing(training.make_vector_env(config.num_envs, None, AutoresetMode.SAME_STEP, **flat)) as envs,
         contextlib.closing(evaluated.make_vector_env(EPISODES, None, **flat)) as evaluation,

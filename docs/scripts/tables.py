@@ -7,6 +7,7 @@ python docs/scripts/tables.py   rewrites the tables between their markers in the
 
 import collections
 import dataclasses
+import enum
 import functools
 import inspect
 import itertools
@@ -15,7 +16,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import gymnasium
 import numpy as np
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from result_tables import RESULT_TABLES, markdown
 
 from kitchen_suite import entities, suite
+from kitchen_suite.domains.arguments import Argument, Owner
 from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Franka
 from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.fixtures import KINDS, PART_KINDS, STYLES, FixtureDesign
@@ -69,7 +71,13 @@ def first_line(documented: object) -> str:
 
 def attributes(documented: type) -> dict[str, str]:
     """Returns the names and texts of the section `Attributes` of a docstring."""
-    _, _, section = (inspect.getdoc(documented) or "").partition("Attributes:\n")
+    return entries_of(documented, "Attributes")
+
+
+def entries_of(documented: object, heading: str) -> dict[str, str]:
+    """Returns the names and texts of a section of a docstring."""
+    _, _, section = (inspect.getdoc(documented) or "").partition(f"{heading}:\n")
+    section, _, _ = section.partition("\n\n")
     entries = re.findall(r"^ {2}(\w+): (.*(?:\n {4,}.*)*)", section, re.MULTILINE)
     return {name: re.sub(r"\s+", " ", text) for name, text in entries}
 
@@ -135,6 +143,58 @@ def goal_table() -> str:
         bounds = ", ".join(f"{low:.2f} to {high:.2f}" for low, high in ranges)
         rows.append((f"`{task}`", places, numbers(goal.value), numbers(goal.start or ()), bounds or "free"))
     return markdown(("task", "qpos", "goal", "start", "range of the joints"), rows)
+
+
+# Arguments.
+
+
+def argument_rows(domain: str) -> list[tuple[str, ...]]:
+    """Returns the rows of all arguments of a domain's environments."""
+    record = suite.DOMAINS[domain]
+    found = {
+        "make": record.arguments(record.env_class),
+        "make_vec": record.arguments(record.vector_env_class, record.env_class),
+        "load": record.arguments(),
+    }
+    arguments = {name: argument for table in reversed(found.values()) for name, argument in table.items()}
+    rows = []
+    for name, argument in sorted(arguments.items(), key=lambda item: (get_args(Owner).index(item[1].owner), item[0])):
+        fronts = [front for front, table in found.items() if name in table]
+        rows.append(
+            (
+                f"`{name}`",
+                argument.owner,
+                "all" if len(fronts) == len(found) else code_list(fronts),
+                "the mode's" if argument.owner == "control" else default_text(argument.default),
+                meaning_of(name, argument),
+            )
+        )
+    return rows
+
+
+def default_text(default: object) -> str:
+    """Returns the default of an argument as text."""
+    if default is None:
+        return "none"
+    return f"`{default.value if isinstance(default, enum.Enum) else default!r}`"
+
+
+def meaning_of(name: str, argument: Argument) -> str:
+    """Returns the first sentence on an argument, of the innermost function whose docstring describes it."""
+    for taker in reversed(argument.takers):
+        function = taker.func if isinstance(taker, functools.partial) else taker
+        texts = entries_of(function.__init__ if isinstance(function, type) else function, "Args")
+        if name in texts:
+            return texts[name].partition(". ")[0].removesuffix(".").replace("|", "\\|")
+    raise KeyError(f"no docstring describes the argument {name!r}")
+
+
+def argument_table(domain: str | None = None) -> str:
+    """Returns the table of the arguments that all domains have, or of the other arguments of one domain."""
+    rows = {name: argument_rows(name) for name in suite.DOMAINS}
+    shared = [row for row in next(iter(rows.values())) if all(row in others for others in rows.values())]
+    chosen = shared if domain is None else [row for row in rows[domain] if row not in shared]
+    return markdown(("argument", "belongs to", "taken by", "default", "meaning"), chosen)
 
 
 # Pictures of tasks that have no picture of their own.
@@ -295,7 +355,7 @@ def observation_type_table() -> str:
     """Returns the table of the observation types with their spaces by domain."""
     rows = []
     for name, record in suite.DOMAINS.items():
-        env_class = record.resolve("env")
+        env_class = record.env_class
         for obs_type in env_class.obs_types:
             env = env_class(obs_type=obs_type, **({"goal_format": "flat"} if obs_type == "goal" else {}))
             default = " (default)" if obs_type == env_class.obs_types[0] else ""
@@ -713,6 +773,8 @@ def example(name: str, marks: str = "") -> str:
 
 
 TABLES: dict[str, Callable[[], str]] = {
+    "arguments": argument_table,
+    **{f"{domain}_arguments": functools.partial(argument_table, domain) for domain in suite.DOMAINS},
     "kitchen_sets": set_table,
     "goals": goal_table,
     # The tasks of generated kitchens are shown on their own page.

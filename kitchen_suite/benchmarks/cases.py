@@ -102,7 +102,7 @@ class BenchmarkDomain(abc.ABC):
 
     def adapter(self, **options: Any) -> SuiteEnv:
         """Builds the Gymnasium environment, without a time limit."""
-        return cast(SuiteEnv, self.domain.resolve("env")(**self.options, **options))
+        return cast(SuiteEnv, self.domain.env_class(**self.options, **options))
 
     @property
     def vector_names(self) -> tuple[str, ...]:
@@ -111,7 +111,7 @@ class BenchmarkDomain(abc.ABC):
 
     def vector_env(self, name: str, num_envs: int, num_threads: int) -> gymnasium.vector.VectorEnv:
         options = {**self.options, **self.vector_options[name]}
-        build: Callable[..., gymnasium.vector.VectorEnv] = self.domain.resolve("vector_env")
+        build: Callable[..., gymnasium.vector.VectorEnv] = self.domain.vector_env_class
         return build(num_envs, num_threads=num_threads, max_episode_steps=self.domain.episode_steps, **options)
 
     def cases(self, num_envs: int) -> dict[str, Case]:

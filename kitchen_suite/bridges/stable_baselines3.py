@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
-from kitchen_suite import checks
+from kitchen_suite import checks, signatures
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.base import SHARED_ATTRIBUTES, SHARED_METHODS, SuiteVectorEnv
 
@@ -171,7 +171,8 @@ def make_vec_env(
     if twice := sorted(arguments.keys() & settings.keys()):
         raise TypeError(f"{', '.join(twice)} is given twice: as an argument, and in env_kwargs")
     of_monitor = dict(monitor_kwargs or {})
-    checks.keywords(of_monitor, VecMonitor, what="argument in monitor_kwargs", exclude=("venv", "filename"))
+    own = {*signatures.names(VecMonitor)} - {"venv", "filename"}
+    checks.keywords(of_monitor, own, what="argument in monitor_kwargs")
     environments = gymnasium.make_vec(
         env_id,
         n_envs,

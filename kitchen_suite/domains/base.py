@@ -3,16 +3,16 @@
 import contextlib
 import copy
 import dataclasses
-import inspect
 import math
 import pkgutil
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from kitchen_suite import checks
+from kitchen_suite import checks, signatures
+from kitchen_suite.domains.arguments import Argument, table
 from kitchen_suite.domains.elsewhere import OF_GYMNASIUM
 from kitchen_suite.names import EXACT, PHYSICS
 
@@ -20,13 +20,6 @@ if TYPE_CHECKING:
     from kitchen_suite.entities import Scene
     from kitchen_suite.environment import Environment
     from kitchen_suite.tasks import SuiteTask
-
-# Arguments of functions of the suite that are set by others of its functions.
-_SET_BY_THE_SUITE = ("self", "scene", "root")
-
-# Entry points of the classes for any domain.
-GENERIC_ENV = "kitchen_suite.gymnasium_env.base:SuiteEnv"
-GENERIC_VECTOR_ENV = "kitchen_suite.vector_env.base:SuiteVectorEnv"
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _ENV_ID = re.compile(r"[\w.-]+/[\w.-]+-v\d+")
@@ -55,9 +48,8 @@ class Domain:
         the first of `tasks`.
       replaceable: arguments of `tasks` that a caller may replace.
       physics: of its environments by default, one of `names.PHYSICS`.
-      env: entry point of the class of the Gymnasium environment. `register` replaces the default by that of the suite's
-        domain whose task the domain's task extends.
-      vector_env: entry point of the class of the vectorised environment; its default follows the same rule.
+      env: entry point of the class of the Gymnasium environment; that of the task's `environment_classes` when omitted.
+      vector_env: entry point of the class of the vectorised environment; its default is the task's as well.
       training: entry point of the `training.hyperparameters.Recipe`; None for the general defaults.
       recording: entry point of the presets of `kitchen-record`: by name, the settings that they fix.
       evaluation: entry point of the `evaluation.protocols.DomainProtocols`; None for the general protocols alone.
@@ -77,8 +69,8 @@ class Domain:
     benchmark_tasks: Collection[str] = ()
     replaceable: Collection[str] = ()
     physics: str = EXACT
-    env: str = GENERIC_ENV
-    vector_env: str = GENERIC_VECTOR_ENV
+    env: str | None = None
+    vector_env: str | None = None
     training: str | None = None
     recording: str | None = None
     evaluation: str | None = None
@@ -135,40 +127,34 @@ class Domain:
         return pkgutil.resolve_name(value) if isinstance(value, str) else value
 
     @property
-    def argument_functions(self) -> tuple[Callable[..., Any], ...]:
-        """Functions that share the keyword arguments of scene and task among them, the task's control modes included.
+    def env_entry_point(self) -> str:
+        """Entry point of the class of the Gymnasium environment."""
+        return self.env or self.resolve("task").environment_classes.single
 
-        The constructors of a task's bases are among them as far as each passes further arguments on.
-        """
-        from kitchen_suite.tasks.observables import Pictures
+    @property
+    def vector_env_entry_point(self) -> str:
+        """Entry point of the class of the vectorised environment."""
+        return self.vector_env or self.resolve("task").environment_classes.vector
 
-        task, functions = self.resolve("task"), [self.resolve("scene")]
-        constructors = [vars(base)["__init__"] for base in inspect.getmro(task)[:-1] if "__init__" in vars(base)]
-        for constructor in constructors:
-            functions.append(constructor)
-            if all(parameter.kind != parameter.VAR_KEYWORD for parameter in _parameters(constructor).values()):
-                return tuple(functions)
-        return (*functions, Pictures, *task.control_modes.values())
+    @property
+    def env_class(self) -> type[Any]:
+        """Class of the Gymnasium environment, a `SuiteEnv`."""
+        return pkgutil.resolve_name(self.env_entry_point)
+
+    @property
+    def vector_env_class(self) -> type[Any]:
+        """Class of the vectorised environment, a `SuiteVectorEnv`."""
+        return pkgutil.resolve_name(self.vector_env_entry_point)
+
+    def arguments(self, *environments: Callable[..., Any]) -> Mapping[str, Argument]:
+        """Returns the arguments of `load`, or of the classes of other environments of the domain, by name."""
+        return table(self.resolve("scene"), self.resolve("task"), *(environments or (Domain.load,)))
 
     @property
     def control_options(self) -> tuple[str, ...]:
         """Names of the arguments on which the meaning of the action depends: of control mode and control step."""
-        parameters = {name: None for mode in self.resolve("task").control_modes.values() for name in _parameters(mode)}
-        own = (name for name in parameters if name not in _SET_BY_THE_SUITE)
-        return ("control_mode", *own, "control_timestep")
-
-    def check_arguments(
-        self,
-        names: Iterable[object],
-        *others: Callable[..., Any],
-        what: str,
-        exclude: Collection[str] = (),
-        elsewhere: Mapping[str, str],
-    ) -> None:
-        """Checks that scene, task or other functions have arguments of given names; see `checks.keywords`."""
-        functions = (*others, *self.argument_functions)
-        exclude = (*_SET_BY_THE_SUITE, *exclude)
-        checks.keywords(names, *functions, what=what, exclude=exclude, elsewhere=elsewhere)
+        of_modes = (name for name, argument in self.arguments().items() if argument.owner == "control")
+        return ("control_mode", *of_modes, "control_timestep")
 
     def load(
         self,
@@ -201,7 +187,7 @@ class Domain:
           control_timestep: length of a control step [s], a whole number of physics steps; the domain's when omitted.
             The default `time_limit` stays as many control steps.
           environment_kwargs: further arguments of `Environment`.
-          **arguments: of the functions `scene` and `task`, documented there.
+          **arguments: of the functions `scene` and `task`; docs/guide/arguments.md lists those of each domain.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
@@ -209,7 +195,8 @@ class Domain:
         """
         from kitchen_suite.environment import Environment, Origin
 
-        self.check_arguments(arguments, Domain.load, what="argument", elsewhere=OF_GYMNASIUM)
+        known = self.arguments()
+        checks.keywords(arguments, known, what="argument", elsewhere=OF_GYMNASIUM)
         if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
             raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
         physics = self.physics if physics is None else physics
@@ -218,19 +205,19 @@ class Domain:
         given = environment_kwargs or {}
         if control_timestep is not None and given.get("n_sub_steps") is not None:
             raise ValueError("control_timestep and n_sub_steps both set the control step: leave out n_sub_steps")
-        build_scene, build_task = self.resolve("scene"), self.resolve("task")
-        of_scene = _parameters(build_scene)
-        scene_arguments = {name: value for name, value in {"visuals": visuals, **arguments}.items() if name in of_scene}
-        task_arguments = {name: value for name, value in arguments.items() if name not in of_scene}
-        scene = build_scene(**scene_arguments)
+        of_scene = {name for name, argument in known.items() if argument.owner == "scene"}
+        # A scene without an argument `visuals` is always built with what pictures show.
+        shared = {"visuals": visuals, **arguments}
+        scene = self.resolve("scene")(**{name: value for name, value in shared.items() if name in of_scene})
         scene.use_physics(physics)
-        task = build_task(scene, **task_arguments)
+        task_arguments = {name: value for name, value in arguments.items() if name not in of_scene}
+        task = self.resolve("task")(scene, **task_arguments)
         if control_timestep is not None:
             task.use_control_timestep(control_timestep)
         limit = self.episode_steps * task.control_timestep if time_limit == "default" else time_limit
         limit = math.inf if limit is None else checks.number(limit, "time_limit", positive=True)
-        constructors, own = (Environment, *Environment.__bases__), ("task", "time_limit", "random_state")
-        checks.keywords(given, *constructors, what="environment argument", exclude=own)
+        names = {*signatures.names(Environment, *Environment.__bases__)} - {"task", "time_limit", "random_state"}
+        checks.keywords(given, names, what="environment argument")
         if render_quality != "high":
             from kitchen_suite.entities.assets import is_visual
             from kitchen_suite.rendering.quality import set_render_quality
@@ -262,10 +249,6 @@ class Domain:
 
 def _unpickled(fields: Mapping[str, Any]) -> Domain:
     return Domain(**fields)
-
-
-def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
-    return inspect.signature(function).parameters
 
 
 def _check_form(text: object, form: re.Pattern[str], what: str) -> None:

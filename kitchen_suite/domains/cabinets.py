@@ -3,6 +3,7 @@
 from types import MappingProxyType
 
 from kitchen_suite.domains.base import Domain
+from kitchen_suite.names import MICROWAVE_TABLE_ENVIRONMENT, OPEN_CABINET_ENVIRONMENT
 
 OPEN_CABINET = Domain(
     "open_cabinet",
@@ -12,8 +13,8 @@ OPEN_CABINET = Domain(
     env_id="KitchenSuite/FrankaOpenCabinet-v1",
     episode_steps=700,
     task_id="KitchenSuite/{}-v1",
-    env="kitchen_suite.gymnasium_env.cabinets:FrankaOpenCabinetEnv",
-    vector_env="kitchen_suite.vector_env.cabinets:FrankaOpenCabinetVectorEnv",
+    env=OPEN_CABINET_ENVIRONMENT.single,
+    vector_env=OPEN_CABINET_ENVIRONMENT.vector,
     training="kitchen_suite.training.hyperparameters:OPEN_CABINET_RECIPE",
     expert="kitchen_suite.policies.experts.open_cabinet:DrawerExpert",
     benchmark="kitchen_suite.benchmarks.open_cabinet:OPEN_CABINET",
@@ -27,7 +28,7 @@ MICROWAVE_TABLE = Domain(
     tasks=MappingProxyType({"open": MappingProxyType({})}),
     env_id="KitchenSuite/FrankaMicrowaveTable-v1",
     episode_steps=500,
-    env="kitchen_suite.gymnasium_env.cabinets:FrankaMicrowaveTableEnv",
-    vector_env="kitchen_suite.vector_env.cabinets:FrankaMicrowaveTableVectorEnv",
+    env=MICROWAVE_TABLE_ENVIRONMENT.single,
+    vector_env=MICROWAVE_TABLE_ENVIRONMENT.vector,
     expert="kitchen_suite.policies.experts.microwave_table:MicrowaveExpert",
 )

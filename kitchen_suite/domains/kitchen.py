@@ -3,7 +3,7 @@
 from types import MappingProxyType
 
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.names import DEFAULT_TASKS, FAST, FURTHER_TASKS, TASK_SETS
+from kitchen_suite.names import DEFAULT_TASKS, FAST, FURTHER_TASKS, KITCHEN_ENVIRONMENT, KITCHENS_ENVIRONMENT, TASK_SETS
 
 _GOALS = {
     **{name.replace(" ", "_"): (name,) for name in DEFAULT_TASKS},
@@ -28,8 +28,8 @@ KITCHEN = Domain(
     # The three task sets of D4RL's Franka kitchen.
     benchmark_tasks=("complete", "partial", "mixed"),
     replaceable=("tasks_to_complete",),
-    env="kitchen_suite.gymnasium_env.kitchen:FrankaKitchenEnv",
-    vector_env="kitchen_suite.vector_env.kitchen:FrankaKitchenVectorEnv",
+    env=KITCHEN_ENVIRONMENT.single,
+    vector_env=KITCHEN_ENVIRONMENT.vector,
     training="kitchen_suite.training.hyperparameters:KITCHEN_RECIPE",
     recording="kitchen_suite.recordings.record_job:KITCHEN_PRESETS",
     evaluation="kitchen_suite.evaluation.protocols:KITCHEN",
@@ -57,7 +57,7 @@ KITCHENS = Domain(
     env_id="KitchenSuite/Kitchens-v1",
     episode_steps=280,
     physics=FAST,
-    env="kitchen_suite.gymnasium_env.cabinets:KitchensEnv",
-    vector_env="kitchen_suite.vector_env.cabinets:KitchensVectorEnv",
+    env=KITCHENS_ENVIRONMENT.single,
+    vector_env=KITCHENS_ENVIRONMENT.vector,
     expert="kitchen_suite.policies.experts.kitchens:PartExpert",
 )

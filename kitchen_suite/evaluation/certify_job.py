@@ -22,7 +22,7 @@ from kitchen_suite.rollouts.report import print_line, table
 from kitchen_suite.settings import FAILURE, CertifySettings
 from kitchen_suite.tasks.kitchens import certificates
 from kitchen_suite.tasks.kitchens.certificates import Certificate
-from kitchen_suite.tasks.kitchens.task import VERBS
+from kitchen_suite.tasks.kitchens.requests import VERBS
 from kitchen_suite.tasks.variations.layouts import CLEARANCE_TOLERANCE, Clearance
 from kitchen_suite.vector_env.base import processors
 

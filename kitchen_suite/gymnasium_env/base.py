@@ -1,9 +1,8 @@
 """The Gymnasium environment of the suite's domains: spaces, seeds, states, copies, rendering."""
 
 import copy
-import inspect
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, ClassVar, Self
 
 import gymnasium
@@ -136,8 +135,8 @@ class SuiteEnv(gymnasium.Env):
             one that `kitchen-record` plays as its `k`-th. A number is the distance between these seeds. Without it all
             episodes after a seed draw from one stream.
           instructions: whether infos have the task's sentence as `instruction`, a string.
-          **arguments: of the domain's scene and task, documented there: among them `control_mode` with its arguments,
-            `cameras`, `extra_observables` and `variations`.
+          **arguments: of the domain's scene and task, among them `control_mode` with its arguments, `cameras`,
+            `extra_observables` and `variations`; docs/guide/arguments.md lists those of each domain.
         """
         record = suite.find_domain(domain or self.default_domain)
         self._seed_stride = checked_stride(episode_seeds)
@@ -206,31 +205,17 @@ class SuiteEnv(gymnasium.Env):
         return checks.choice(cls.obs_types[0] if obs_type is None else obs_type, cls.obs_types, "obs_type")
 
     @classmethod
-    def check_keywords(cls, domain: Domain, names: Iterable[str], exclude: Iterable[str] = ()) -> None:
+    def check_keywords(cls, domain: Domain, names: Iterable[str], exclude: Collection[str] = ()) -> None:
         """Raises a TypeError unless the environments of a domain have keyword arguments of these names."""
         # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
-        exclude = ("domain", *exclude)
-        constructors = cls._constructors()
-        domain.check_arguments(names, *constructors, what="keyword argument", exclude=exclude, elsewhere=OF_LOAD)
+        choices = domain.arguments(cls).keys() - {"domain", *exclude}
+        checks.keywords(names, choices, what="keyword argument", elsewhere=OF_LOAD)
 
     @classmethod
     def default_of(cls, domain: Domain, name: str) -> Any:
-        """Returns the default of a keyword argument of the environments of a domain; None if it has none.
-
-        Arguments of control modes have none, as their defaults are those of the mode.
-        """
-        if name in domain.control_options[1:]:
-            return None
-        own = {PHYSICS: domain.physics, "cameras": cls.default_cameras}
-        if name in own:
-            return own[name]
-        signatures = [inspect.signature(each).parameters for each in (*cls._constructors(), *domain.argument_functions)]
-        default = next((signature[name].default for signature in signatures if name in signature), None)
-        return None if default is inspect.Parameter.empty else default
-
-    @classmethod
-    def _constructors(cls) -> list[Any]:
-        return [vars(base)["__init__"] for base in cls.__mro__ if "__init__" in vars(base)]
+        """Returns the default of a keyword argument of the environments of a domain; None if it has none."""
+        defaults = {each: argument.default for each, argument in domain.arguments(cls).items()}
+        return {**defaults, PHYSICS: domain.physics, "cameras": cls.default_cameras}.get(name)
 
     def _make_observations(self, obs_type: str, flat_goals: bool = False) -> Observations:
         observations.disable_copies(self.composer_task)

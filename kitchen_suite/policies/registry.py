@@ -31,7 +31,7 @@ import dm_env
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite import checks, files
+from kitchen_suite import checks, files, signatures
 from kitchen_suite.names import EXTRA_PACKAGES
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ class ExpertSource(PolicySource):
         expert_class = experts.expert_class(environment.task, self._kind)
         constructors = itertools.takewhile(lambda base: base is not experts.Expert, expert_class.__mro__)
         functions: list[Callable[..., Any]] = [experts.MotionStyle, *constructors, *expert_class.control_modes.values()]
-        checks.keywords(options, *functions, what="option", exclude=("style",))
+        checks.keywords(options, {*signatures.names(*functions)} - {"style"}, what="option")
         names = options.keys() & {field.name for field in dataclasses.fields(experts.MotionStyle)}
         style = experts.MotionStyle(**{name: options.pop(name) for name in names})
         return experts.make_policy(environment, generator, kind=self._kind, style=style, **options)

@@ -56,7 +56,7 @@ class EnvironmentSpec:
         if reserved := sorted(_RESERVED & task_kwargs.keys()):
             raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: the command sets it itself")
         domain = suite.find_domain(domain_name)
-        env_class = domain.resolve("env")
+        env_class = domain.env_class
         # Before Gymnasium does, which takes some names itself, such as `disable_env_checker`.
         env_class.check_keywords(domain, task_kwargs, exclude=_RESERVED)
         obs_type = env_class.find_obs_type(task_kwargs.get("obs_type"))
@@ -86,7 +86,7 @@ class EnvironmentSpec:
 
     @property
     def env_class(self) -> type[SuiteEnv]:
-        return cast(type[SuiteEnv], suite.find_domain(self.domain_name).resolve("env"))
+        return cast(type[SuiteEnv], suite.find_domain(self.domain_name).env_class)
 
     def argument(self, name: str) -> Any:
         """Returns an argument of the environments, or the default that applies, as JSON represents it."""

@@ -97,7 +97,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
           episode_seeds: whether each episode has a seed of its own, which `np_random_seed` names: the `k`-th one of
             environment `i`, after `reset(seed=s)`, has the seed `s + i + k * num_envs`, so that no two are equal. A
             number is the distance between the seeds of successive episodes, in place of `num_envs`.
-          **settings: arguments of the single environment.
+          **settings: arguments of the single environment; docs/guide/arguments.md lists those of each domain.
         """
         self.num_envs = checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
         seed_stride = checked_stride(episode_seeds, true=self.num_envs)

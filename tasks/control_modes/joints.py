@@ -55,7 +55,12 @@ class JointOffset(ActionMode):
     )
 
     def __init__(self, *, gripper: str = "sampled") -> None:
-        """Takes one of `GRIPPER_MODES`."""
+        """Sets how the gripper follows the last element of the action.
+
+        Args:
+          gripper: `sampled`, which closes with the probability of which the last element is the log odds, or
+            `deterministic`, which closes where that probability is above one half.
+        """
         self.gripper = checks.choice(gripper, GRIPPER_MODES, "gripper")
         self.draws = self.gripper == "sampled"
 
@@ -208,7 +213,11 @@ class JointDelta(ActionMode):
     stage = mujoco.mjtStage.mjSTAGE_VEL
 
     def __init__(self, *, joint_speed: float = 1.0) -> None:
-        """Sets the joint speed that a unit of action stands for, at most 10 [rad/s]."""
+        """Sets the speed.
+
+        Args:
+          joint_speed: joint speed that a unit of action stands for, at most 10 [rad/s].
+        """
         self.joint_speed = checks.number(joint_speed, "joint_speed", positive=True, maximum=MAX_SPEED)
 
     def spec(self, robot: Franka) -> specs.BoundedArray:

@@ -2,7 +2,6 @@
 
 import abc
 import functools
-import inspect
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
@@ -12,6 +11,7 @@ from dm_control import mjcf
 from dm_env import specs
 from numpy.typing import NDArray
 
+from kitchen_suite import signatures
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks.simulation import Simulation
@@ -39,7 +39,7 @@ class ActionMode(abc.ABC):
     @property
     def settings(self) -> dict[str, Any]:
         """Arguments of the class, which modes keep as attributes of the same names."""
-        return {argument: getattr(self, argument) for argument in inspect.signature(type(self)).parameters}
+        return {argument: getattr(self, argument) for argument in signatures.names(type(self))}
 
     @functools.cached_property
     def reads_derived(self) -> bool:

@@ -1,11 +1,10 @@
 """Control modes by name, built from the arguments of tasks."""
 
-import inspect
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from kitchen_suite import checks
+from kitchen_suite import checks, signatures
 from kitchen_suite.tasks.control_modes.end_effector import (
     EndEffectorDeltaPose,
     EndEffectorDeltaPosition,
@@ -34,7 +33,7 @@ def split_options(
     options: Mapping[str, Any], modes: Mapping[str, Callable[..., ActionMode]]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Returns the options that are arguments of any of the modes, and the others."""
-    names = {name for mode in modes.values() for name in inspect.signature(mode).parameters}
+    names = signatures.names(*modes.values())
     control = {name: value for name, value in options.items() if name in names}
     return control, {name: value for name, value in options.items() if name not in names}
 
@@ -47,10 +46,10 @@ def make_mode(name: str, modes: Mapping[str, Callable[..., ActionMode]], options
       ValueError: the name is unknown, or an argument belongs to other modes.
     """
     make = modes[checks.choice(name, modes.keys(), "control_mode")]
-    checks.keywords(options, *modes.values(), what="argument")
+    checks.keywords(options, signatures.names(*modes.values()), what="argument")
     given = {option: value for option, value in options.items() if value is not None}
     for option in given:
-        owners = [mode for mode, each in modes.items() if option in inspect.signature(each).parameters]
+        owners = [mode for mode, each in modes.items() if option in signatures.names(each)]
         if name not in owners:
             raise ValueError(f"{option} is an argument of control_mode {' and '.join(owners)}, not of {name!r}")
     return make(**given)

@@ -53,7 +53,12 @@ class JointVelocity(_KitchenMode):
     )
 
     def __init__(self, *, velocity_scale: float = 2.0, feedback: str = "observed") -> None:
-        """Sets the velocity that a unit of action stands for [rad/s, m/s], and the feedback, one of `FEEDBACKS`."""
+        """Sets the velocity and the feedback.
+
+        Args:
+          velocity_scale: velocity that a unit of action stands for [rad/s, m/s].
+          feedback: positions from which the action starts: `observed` last, the `true` ones, or the last `target`.
+        """
         self.velocity_scale = checks.number(velocity_scale, "velocity_scale")
         self.feedback = checks.choice(feedback, FEEDBACKS, "feedback")
 
@@ -80,7 +85,12 @@ class KitchenJointPosition(_KitchenMode):
     )
 
     def __init__(self, *, feedback: str = "observed") -> None:
-        """Sets the feedback, one of `FEEDBACKS`: targets are at most 10 rad/s, or m/s, away from these positions."""
+        """Sets the feedback.
+
+        Args:
+          feedback: positions from which the action starts: `observed` last, the `true` ones, or the last `target`.
+            Targets are at most 10 rad/s, or m/s, away from these.
+        """
         self.feedback = checks.choice(feedback, FEEDBACKS, "feedback")
 
     def spec(self, robot: Franka) -> specs.BoundedArray:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from kitchen_suite import checks
 from kitchen_suite.entities import Franka, Scene
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.names import DEFAULT_TASKS, KITCHEN_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.end_effector import EndEffectorMode
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, make_success
@@ -55,6 +55,7 @@ class KitchenTask(SuiteTask):
     requests: TaskRequests
 
     domain_name = "kitchen"
+    environment_classes = KITCHEN_ENVIRONMENT
     control_modes = CONTROL_MODES
     varied = VARIED
 

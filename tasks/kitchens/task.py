@@ -11,6 +11,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen, Placed
 from kitchen_suite.entities.fixtures import KINDS, Part
+from kitchen_suite.names import KITCHENS_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
@@ -74,6 +75,7 @@ class KitchensTask(SuiteTask):
     requests: PartRequests
 
     domain_name = "kitchens"
+    environment_classes = KITCHENS_ENVIRONMENT
     control_modes = CONTROL_MODES
     varied = VARIED
 

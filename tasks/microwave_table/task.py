@@ -10,6 +10,7 @@ from dm_control import mjcf
 
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.names import MICROWAVE_TABLE_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JointOffset
 from kitchen_suite.tasks.control_modes.mode import ActionMode
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
@@ -89,6 +90,7 @@ class MicrowaveTableTask(SuiteTask):
     mdp: MicrowaveTableMDP
 
     domain_name = "microwave_table"
+    environment_classes = MICROWAVE_TABLE_ENVIRONMENT
     instructions = OPEN_MICROWAVE
     control_modes = CONTROL_MODES
     varied = VARIED

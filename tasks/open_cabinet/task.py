@@ -10,6 +10,7 @@ from dm_control import mjcf
 from kitchen_suite import checks
 from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
+from kitchen_suite.names import OPEN_CABINET_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.highlighting import Highlighting
@@ -60,6 +61,7 @@ class OpenCabinetTask(SuiteTask):
     mdp: OpenCabinetMDP
 
     domain_name = "open_cabinet"
+    environment_classes = OPEN_CABINET_ENVIRONMENT
     control_modes = OFFSET_MODES
     varied = VARIED
 

@@ -11,7 +11,7 @@ from kitchen_suite.suite import DOMAINS
 
 pytestmark = [pytest.mark.clients, pytest.mark.rendering]
 
-CASES = [(name, obs_type) for name, domain in DOMAINS.items() for obs_type in domain.resolve("env").obs_types]
+CASES = [(name, obs_type) for name, domain in DOMAINS.items() for obs_type in domain.env_class.obs_types]
 PICTURES = {"image_size": (24, 32), "render_quality": "fast"}
 
 

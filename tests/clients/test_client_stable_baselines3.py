@@ -37,7 +37,7 @@ def make(**options):
 
 
 # Observation types that are not nested, of all domains; actions must be bounded.
-CHECKED = [(name, obs_type) for name, domain in DOMAINS.items() for obs_type in domain.resolve("env").obs_types]
+CHECKED = [(name, obs_type) for name, domain in DOMAINS.items() for obs_type in domain.env_class.obs_types]
 
 
 @pytest.mark.rendering

@@ -1,6 +1,6 @@
-"""Arguments that only one way of building environments takes are refused elsewhere with the way to take there."""
+"""Arguments reach the part that takes them; those of other ways of building environments are refused with the way."""
 
-import inspect
+import json
 
 import dm_env
 import gymnasium
@@ -10,35 +10,109 @@ from dm_control import mujoco
 from dm_env import specs
 from helpers.errors import refused
 
-from kitchen_suite import suite
-from kitchen_suite.domains.base import Domain
+from kitchen_suite import signatures, suite
+from kitchen_suite.cli.commands import rollout
+from kitchen_suite.entities import build_microwave_table_scene
 from kitchen_suite.suite import DOMAINS
-
-
-def names_of(*functions):
-    by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    parameters = [each for function in functions for each in inspect.signature(function).parameters.values()]
-    return {each.name for each in parameters if each.kind in by_name} - {"self", "scene", "root"}
-
-
-def constructors_of(cls):
-    return [vars(base)["__init__"] for base in cls.__mro__ if "__init__" in vars(base)]
+from kitchen_suite.tasks import MicrowaveTableTask
 
 
 def of_gymnasium(domain):
-    return names_of(*constructors_of(domain.resolve("env")), *domain.argument_functions)
+    return domain.arguments(domain.env_class).keys()
 
 
 def of_load(domain):
-    return names_of(Domain.load, *domain.argument_functions)
+    return domain.arguments().keys()
 
 
 def of_vectors(domain):
-    return names_of(*constructors_of(domain.resolve("vector_env"))) | of_gymnasium(domain)
+    return domain.arguments(domain.vector_env_class, domain.env_class).keys()
 
 
 def load(domain, **task_kwargs):
     return suite.load(domain, suite.default_task(domain), {"visuals": False, **task_kwargs})
+
+
+class BonusTask(MicrowaveTableTask):
+    """A user's task with two arguments of its own, one of them without a default."""
+
+    def __init__(self, scene, bonus, *, malus=0.0, **options):
+        super().__init__(scene, **options)
+        self.bonus, self.malus = bonus, malus
+
+
+def build_marked_scene(elevation=0.0, *, visuals=True):
+    """Builds a user's scene, with a mark at an elevation [m]."""
+    scene = build_microwave_table_scene(visuals=visuals)
+    scene.arena.mjcf_model.worldbody.add("site", name="mark", pos=(0.0, 0.0, elevation))
+    return scene
+
+
+BONUS = suite.Domain(
+    "bonus",
+    scene=build_marked_scene,
+    task=BonusTask,
+    tasks={"open": {"bonus": 1.0}},
+    env_id="Mine/Bonus-v1",
+    episode_steps=2,
+)
+
+
+@pytest.fixture(scope="module")
+def bonus():
+    """The suite with a user's domain; without it again after the tests."""
+    suite.register(BONUS)
+    yield BONUS
+    del suite._domains[BONUS.name]
+    for env_id in {BONUS.env_id, *BONUS.task_ids.values()}:
+        del gymnasium.registry[env_id]
+
+
+def test_arguments_of_a_users_scene_and_task_reach_them_from_every_front_end(bonus, capsys):
+    own = {"malus": 0.5, "elevation": 2.0, "gripper": "sampled"}
+    loaded = suite.load("bonus", "open", own).task
+    single = gymnasium.make("Mine/BonusOpen-v1", **own)
+    many = gymnasium.make_vec("Mine/BonusOpen-v1", 2, num_threads=1, **own)
+    for task in (loaded, single.unwrapped.composer_task, many.unwrapped.composer_task):
+        assert (task.bonus, task.malus) == (1.0, 0.5)
+        assert task.scene.arena.mjcf_model.find("site", "mark").pos[2] == 2.0
+        assert task.mdp.action_mode.settings == {"gripper": "sampled"}
+    single.close()
+    many.close()
+    flags = ["--domain_name=bonus", "--num_episodes=1"]
+    assert rollout.main([*flags, f"--task_kwargs={json.dumps(own)}"]) == 0
+    capsys.readouterr()
+    assert rollout.main([*flags, '--task_kwargs={"maluss": 1}']) == 2
+    assert "did you mean 'malus'?" in capsys.readouterr().err
+
+
+def test_an_argument_belongs_to_the_part_that_takes_it_and_has_the_outermost_default(bonus):
+    found = BONUS.arguments(DOMAINS["microwave_table"].env_class)
+    expected = {
+        "elevation": ("scene", 0.0),
+        "visuals": ("scene", None),
+        "bonus": ("task", None),
+        "malus": ("task", 0.0),
+        "threshold": ("task", 0.3),
+        "cameras": ("task", ()),
+        "joint_speed": ("control", None),
+        "action_limit": ("environment", 1.0),
+    }
+    assert {name: found[name][:2] for name in expected} == expected
+    assert not found.keys() & {"self", "scene", "mdp", "root"}
+
+
+@pytest.mark.parametrize("name", ["mdp", "scene", "root"])
+def test_what_the_suite_passes_itself_is_no_argument(name):
+    with refused(TypeError, f"unexpected argument {name!r}"):
+        load("kitchen", **{name: 1})
+
+
+def test_a_second_environment_inspects_no_signature_again():
+    gymnasium.make(DOMAINS["kitchen"].env_id).close()
+    inspected = signatures.signature.cache_info().misses
+    gymnasium.make(DOMAINS["kitchen"].env_id, velocity_scale=3.0).close()
+    assert signatures.signature.cache_info().misses == inspected
 
 
 # The first words of an error that lists all arguments.
@@ -58,7 +132,7 @@ def test_what_suite_load_does_not_take_is_refused_with_the_way(domain):
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
 def test_what_gymnasium_does_not_take_is_refused_with_the_way(domain):
     single, many = of_gymnasium(domain), of_vectors(domain)
-    environment_class, vector_class = domain.resolve("env"), domain.resolve("vector_env")
+    environment_class, vector_class = domain.env_class, domain.vector_env_class
     assert {"time_limit", "random", "environment_kwargs"} <= of_load(domain) - many
     for name in sorted((of_load(domain) | many) - single):
         with refused(TypeError, f"unexpected keyword argument {name!r}: ") as raised:

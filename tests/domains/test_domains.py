@@ -14,10 +14,11 @@ from test_layers import MODULES
 from kitchen_suite import gymnasium_env, names, suite
 from kitchen_suite.cli.commands import benchmark, rollout
 from kitchen_suite.entities import build_kitchen_scene, build_microwave_table_scene
-from kitchen_suite.gymnasium_env import FrankaMicrowaveTableEnv
+from kitchen_suite.gymnasium_env import FrankaMicrowaveTableEnv, SuiteEnv
 from kitchen_suite.policies import experts
 from kitchen_suite.tasks import GOALS, KitchenTask, MicrowaveTableTask
 from kitchen_suite.training.hyperparameters import Hyperparameters, Recipe
+from kitchen_suite.vector_env import FrankaMicrowaveTableVectorEnv, SuiteVectorEnv
 
 # A record over the kitchen's classes, one of whose tasks has the name of one of the kitchen's.
 OWN = dataclasses.replace(
@@ -134,6 +135,29 @@ def test_a_domain_needs_six_fields():
         np.testing.assert_array_equal(twin.step(action)[0], env.unwrapped.step(action)[0])
         assert suite.load("gentle", "open", {"time_limit": None, "random": 0}).step_limit == np.inf
         assert rollout.main(["--domain_name=gentle", "--num_episodes=1", "--max_episode_steps=3"]) == 0
+
+
+def test_the_environment_classes_of_a_task_are_inherited_and_its_domain_may_name_others():
+    fields = {"scene": build_microwave_table_scene, "task": GentleTask, "tasks": {"open": {}}}
+    general = names.ANY_ENVIRONMENT
+    with registering("gentle", **fields, env=general.single, vector_env=general.vector):
+        env = gymnasium.make("Mine/Gentle-v1")
+        assert type(env.unwrapped) is SuiteEnv
+        assert isinstance(env.unwrapped.composer_task, GentleTask)
+    own = type("PlainTask", (GentleTask,), {"environment_classes": general})
+    plain, gentle = (
+        suite.Domain("plain", env_id="Mine/Plain-v1", episode_steps=9, **{**fields, "task": task})
+        for task in (own, GentleTask)
+    )
+    assert (plain.env_class, plain.vector_env_class) == (SuiteEnv, SuiteVectorEnv)
+    assert (gentle.env_class, gentle.vector_env_class) == (FrankaMicrowaveTableEnv, FrankaMicrowaveTableVectorEnv)
+
+
+@pytest.mark.parametrize("name", suite.DOMAINS)
+def test_a_domain_of_the_suite_has_the_classes_of_its_task(name):
+    domain = suite.DOMAINS[name]
+    assert (domain.env, domain.vector_env) == domain.resolve("task").environment_classes
+    assert domain.env_class.default_domain == name
 
 
 def test_a_kitchen_of_a_users_has_its_goals_and_its_state_alone():

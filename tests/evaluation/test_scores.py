@@ -248,10 +248,11 @@ def test_one_task_that_cannot_be_counted_leaves_progress():
 
 def ended(completions):
     """A task at the end of an episode, as far as results read it."""
-    return types.SimpleNamespace(
-        completions_in=lambda infos: completions and completions._replace(steps=infos["steps"]),
-        progress_in=lambda infos: infos["progress"],
+    records = types.SimpleNamespace(
+        completions=lambda infos: completions and completions._replace(steps=infos["steps"]),
+        progress=lambda infos: infos["progress"],
     )
+    return types.SimpleNamespace(records=records)
 
 
 def test_a_result_is_of_the_last_infos():

@@ -156,7 +156,7 @@ def test_the_default_by_its_number_is_the_default(domain):
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_infos_name_it_where_it_is_not_the_default(domain):
     step = STEPS[domain][2]
-    env, envs = make(domain, **suite.DOMAINS[domain].resolve("env").array_options), make_vec(domain)
+    env, envs = make(domain, **suite.DOMAINS[domain].env_class.array_options), make_vec(domain)
     for info in (env.reset(seed=0)[1], env.step(actions_of(env, 1)[0])[-1]):
         assert info["control_timestep"].shape == ()
         assert info["control_timestep"].dtype == np.float64

@@ -17,7 +17,7 @@ from kitchen_suite.vector_env import FrankaKitchenVectorEnv
 METHODS = ("compute_reward", "compute_terminated", "compute_truncated")
 SMALL = {"image_size": (16, 16), "render_quality": "fast"}
 # The observation types of all domains.
-CASES = [(name, obs_type) for name, domain in DOMAINS.items() for obs_type in domain.resolve("env").obs_types]
+CASES = [(name, obs_type) for name, domain in DOMAINS.items() for obs_type in domain.env_class.obs_types]
 
 
 def arguments_of(obs_type):

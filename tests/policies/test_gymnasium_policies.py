@@ -15,7 +15,7 @@ from kitchen_suite.gymnasium_env.observations import has_pictures
 from kitchen_suite.suite import DOMAINS
 
 SEED, STEPS = 5, 3
-CASES = [(name, obs_type) for name, domain in DOMAINS.items() for obs_type in domain.resolve("env").obs_types]
+CASES = [(name, obs_type) for name, domain in DOMAINS.items() for obs_type in domain.env_class.obs_types]
 PICTURES = {"image_size": [16, 24], "render_quality": "fast", "cameras": ["overview", "franka/hand"]}
 
 
