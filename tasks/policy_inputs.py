@@ -46,11 +46,6 @@ class PolicyInputs:
         """Number of elements of the flat observation."""
         return self.state_size + self.goal_size + self.observes_requests * len(self.tasks)
 
-    def with_longer_state(self, count: int) -> "PolicyInputs":
-        """Returns the inputs with a number of elements added at the end of the state."""
-        place = None if self.goal_place is None else self.goal_place + count
-        return dataclasses.replace(self, state_size=self.state_size + count, goal_place=place)
-
     def flatten(self, observation: NDArray | Mapping[str, Any]) -> NDArray:
         """Returns the flat observation `(..., m)`.
 

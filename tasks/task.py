@@ -32,7 +32,7 @@ from kitchen_suite.tasks.pushes import PARAMETERS, Pusher
 from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
 from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
-from kitchen_suite.tasks.terms import Observation, RewardTerm, Termination
+from kitchen_suite.tasks.terms import Observation, RewardTerm, Termination, end_to_end
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
 
@@ -66,9 +66,10 @@ class SuiteTask(composer.Task):
     A custom task that extends a task of the suite overrides class attributes, `__init__`, `reset_physics`,
     `initialize_episode`, `initial_state` and `bind`, which act in dm_env, single and vectorised environments alike, and
     `publish`, for what is displayed. Other hooks of a step are refused: they would act in some environments alone. A
-    task that extends this class itself also calls `vary`, and sets `policy_inputs` and `observed`, in its constructor.
+    task that extends this class itself also sets `default_control_timestep`, and calls `vary` in its constructor.
 
     Attributes:
+      default_control_timestep: length of a control step [s] where no other is asked for.
       domain_name: name of the domain whose expert acts in the task; None for a task outside the suite.
       environment_classes: classes of the task's Gymnasium environments, where its domain names none.
       control_modes: the task's control modes by name, the default first; empty if it has only one.
@@ -88,23 +89,22 @@ class SuiteTask(composer.Task):
       variations: the parameters that vary.
       requests: the options of resets that belong to the task.
       records: reads metrics and completions from infos and recordings of the task.
-      policy_inputs: the observation as trained policies take it.
+      policy_inputs: the observation as trained policies take it; from the compilation on.
       observed: the enabled observables of the task by observation key, in order.
       extras: quantities of `extra_observables` that are observed beside the task's own; None if there are none.
       observations: the `extra_observations`.
       extra_observables: the observables of both by observation key.
-      extra_slices: slice of each among their elements, which are the last ones of the state; of `extra_observations`
-        from the compilation on.
-      extra_size: number of their elements, as long.
+      extra_slices: slice of each among their elements, which are the last ones of the state; from the compilation on.
+      extra_size: number of their elements; from the compilation on.
       pictures: the pictures of cameras that are observed.
       pusher: makes the pushes of episodes; from the compilation on.
       simulation: access to the fields of the physics; from the compilation on.
       random: the random state that the environment last passed to the task.
       episode: state of the present episode; arrays without leading axes, not to be written to.
       truncates: whether the last step truncated the episode, whatever the environment's time limit.
-      default_control_timestep: length of a control step [s] that another one replaces; None where none does.
     """
 
+    default_control_timestep: ClassVar[float]
     domain_name: str | None = None
     environment_classes: ClassVar[EnvironmentClasses] = ANY_ENVIRONMENT
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
@@ -121,14 +121,13 @@ class SuiteTask(composer.Task):
     mdp: Any
     requests: Any
 
-    records: Records
-
     variations: Variations
     policy_inputs: PolicyInputs
     pusher: Pusher
     simulation: PhysicsSimulation
     random: np.random.RandomState
-    default_control_timestep: float | None = None
+    extra_slices: Mapping[str, slice]
+    extra_size: int
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         """Raises a TypeError if a class overrides a hook that would act in some environments alone."""
@@ -166,8 +165,6 @@ class SuiteTask(composer.Task):
         self.observations = ExtraObservations(self.extra_observations, type(self).__name__)
         own = self.observations.observables(self._measured)
         self.extra_observables: dict[str, observable.Observable] = joined(extras.by_name, own)
-        self.extra_slices = dict(extras.slices)
-        self.extra_size = extras.size
         self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
         self.scene = scene
         self.robot = scene.robot
@@ -181,6 +178,7 @@ class SuiteTask(composer.Task):
         self.truncates = False
         self._terminates = False
         self._visualize_reward = False
+        self.set_timesteps(control_timestep=self.default_control_timestep, physics_timestep=scene.physics_timestep)
         for name, termination in self.extra_terminations.items():
             if not callable(termination):
                 raise TypeError(f"extra_terminations[{name!r}] must be a function, got {checks.shown(termination)}")
@@ -259,7 +257,6 @@ class SuiteTask(composer.Task):
                 f"{timestep!r}; the nearest one is {whole * self.physics_timestep!r}"
             )
         if whole != self.physics_steps_per_control_step:
-            self.default_control_timestep = self.control_timestep
             self.set_timesteps(control_timestep=float(timestep), physics_timestep=self.physics_timestep)
 
     @property
@@ -398,24 +395,28 @@ class SuiteTask(composer.Task):
         (self._action_size,) = self.action_spec(physics).shape
         self.bind(physics)
         self._start(physics, np.zeros(mdp.noise_draws))
-        self._append_observations()
+        self._find_sizes()
 
     def _measured(self) -> Measured:
         assert self.episode.measured is not None, "the scene is compiled"
         return self.episode.measured
 
-    def _append_observations(self) -> None:
-        """Adds the elements of the extra observations to the state, once their number is known."""
-        if self.episode.measured is None:
-            return
-        own = {name: self.observations.shown(self.episode.measured, name) for name in self.observations.enabled}
-        if not own.keys() - self.extra_slices.keys():
-            return
-        before = self.extra_size
-        for name, value in own.items():
-            self.extra_slices[name] = slice(self.extra_size, self.extra_size + value.size)
-            self.extra_size += value.size
-        self.policy_inputs = self.policy_inputs.with_longer_state(self.extra_size - before)
+    def _find_sizes(self) -> None:
+        """Finds the numbers of elements of the observations, which are known once the scene is compiled."""
+        sizes = (
+            {} if self.extras is None else {name: part.stop - part.start for name, part in self.extras.slices.items()}
+        )
+        measured = self.episode.measured
+        if measured is not None:
+            sizes |= {name: self.observations.shown(measured, name).size for name in self.observations.enabled}
+        self.extra_slices = end_to_end(sizes)
+        self.extra_size = sum(sizes.values())
+        own = self.mdp.clean_observation(self.simulation, self.state).size
+        self.policy_inputs = self.make_policy_inputs(own + self.extra_size)
+
+    def make_policy_inputs(self, state_size: int) -> PolicyInputs:
+        """Returns the observation as trained policies take it, given the number of elements of the state."""
+        return PolicyInputs(names=(type(self).__name__,), state_size=state_size)
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random = random_state

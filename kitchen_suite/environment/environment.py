@@ -375,7 +375,8 @@ class Environment(composer.Environment):
     def changed_timestep(self) -> dict[str, float]:
         """Length of a control step [s] by its key in infos and states; empty where it is the task's own."""
         task = self._task
-        return {} if task.default_control_timestep is None else {CONTROL_TIMESTEP: task.control_timestep}
+        is_default = task.control_timestep == task.default_control_timestep
+        return {} if is_default else {CONTROL_TIMESTEP: task.control_timestep}
 
     def reset(self) -> dm_env.TimeStep:
         if self._seed_stride:
@@ -476,8 +477,8 @@ class Environment(composer.Environment):
             raise ValueError(f"the state is of physics {checks.shown(found)}, but the environment has {own!r}")
         random = _checked_random(state.get("random"), self._random_state)
         task = self._task
-        default = task.control_timestep if task.default_control_timestep is None else task.default_control_timestep
-        timestep = checks.number(state.get(CONTROL_TIMESTEP, default), f"state[{CONTROL_TIMESTEP!r}]", positive=True)
+        given = state.get(CONTROL_TIMESTEP, task.default_control_timestep)
+        timestep = checks.number(given, f"state[{CONTROL_TIMESTEP!r}]", positive=True)
         if timestep != task.control_timestep:
             here = f"but those of the environment take {task.control_timestep:g} s"
             raise ValueError(f"control steps of the state take {timestep:g} s, {here}")

@@ -54,6 +54,7 @@ class KitchenTask(SuiteTask):
     mdp: KitchenMDP
     requests: TaskRequests
 
+    default_control_timestep = CONTROL_TIMESTEP
     domain_name = "kitchen"
     environment_classes = KITCHEN_ENVIRONMENT
     control_modes = CONTROL_MODES
@@ -170,23 +171,24 @@ class KitchenTask(SuiteTask):
             home=np.array(scene.robot.home),
             correct=self._away_from_goals,
         )
-        state_size = mdp.noise_scale.size + self.extra_size
-        goal_size = 2 * goal_set.desired.size + mdp.initial_qpos.size * goal_states
-        objects = range(mdp.noise_scale.size)[sensors.parts.object_positions]
-        self.policy_inputs = PolicyInputs(
-            names=_policy_names(mdp, reward, sees=bool(self.pictures.by_name)),
-            state_size=state_size,
-            goal_size=goal_size,
-            goal_elements=tuple(objects),
-            goal_place=state_size + goal_size - len(objects) if goal_states else None,
-            tasks=goal_set.tasks,
-            observes_requests=mdp.task_draw is not None,
-            keys=("achieved_goal", "desired_goal", GOAL_STATES, REQUESTED),
-        )
-        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(tasks_to_complete={list(self.mdp.goals.tasks)})"
+
+    def make_policy_inputs(self, state_size: int) -> PolicyInputs:
+        mdp = self.mdp
+        goal_size = 2 * mdp.goals.desired.size + mdp.initial_qpos.size * mdp.goal_states
+        objects = range(mdp.noise_scale.size)[mdp.sensors.parts.object_positions]
+        return PolicyInputs(
+            names=_policy_names(mdp, self.reward_name, sees=bool(self.pictures.by_name)),
+            state_size=state_size,
+            goal_size=goal_size,
+            goal_elements=tuple(objects),
+            goal_place=state_size + goal_size - len(objects) if mdp.goal_states else None,
+            tasks=mdp.goals.tasks,
+            observes_requests=mdp.task_draw is not None,
+            keys=("achieved_goal", "desired_goal", GOAL_STATES, REQUESTED),
+        )
 
     @property
     def instructions(self) -> tuple[str, ...]:

@@ -17,11 +17,10 @@ from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.kitchens.certificates import certificate_of
-from kitchen_suite.tasks.kitchens.mdp import KitchensMDP, KitchensState, SlotSensors, noise_scale, size
+from kitchen_suite.tasks.kitchens.mdp import KitchensMDP, KitchensState, SlotSensors, noise_scale
 from kitchen_suite.tasks.kitchens.records import PartRecords
 from kitchen_suite.tasks.kitchens.requests import VERBS, PartRequests, verb_of
 from kitchen_suite.tasks.orders import in_order
-from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
@@ -74,6 +73,7 @@ class KitchensTask(SuiteTask):
     mdp: KitchensMDP
     requests: PartRequests
 
+    default_control_timestep = CONTROL_TIMESTEP
     domain_name = "kitchens"
     environment_classes = KITCHENS_ENVIRONMENT
     control_modes = CONTROL_MODES
@@ -137,9 +137,6 @@ class KitchensTask(SuiteTask):
         self.records = PartRecords(self)
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
         self.vary(handles=handles, home=HOME)
-        state_size = size(mdp.num_slots) + self.extra_size
-        self.policy_inputs = PolicyInputs(names=(type(self).__name__,), state_size=state_size)
-        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:
         design = self.scene.design.name or "own"

@@ -20,10 +20,8 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
     OPEN_ANGLE,
     REWARDS,
-    SIZE,
     MicrowaveTableMDP,
 )
-from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.records import OpeningRecords
 from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
@@ -89,6 +87,7 @@ class MicrowaveTableTask(SuiteTask):
 
     mdp: MicrowaveTableMDP
 
+    default_control_timestep = CONTROL_TIMESTEP
     domain_name = "microwave_table"
     environment_classes = MICROWAVE_TABLE_ENVIRONMENT
     instructions = OPEN_MICROWAVE
@@ -126,8 +125,6 @@ class MicrowaveTableTask(SuiteTask):
             home=DEFAULT_POSE,
             correct=self._away_from_goal,
         )
-        self.policy_inputs = PolicyInputs(names=(type(self).__name__,), state_size=SIZE + self.extra_size)
-        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(threshold={self.mdp.threshold:g})"

@@ -60,6 +60,7 @@ class OpenCabinetTask(SuiteTask):
     scene: OpenCabinetScene
     mdp: OpenCabinetMDP
 
+    default_control_timestep = CONTROL_TIMESTEP
     domain_name = "open_cabinet"
     environment_classes = OPEN_CABINET_ENVIRONMENT
     control_modes = OFFSET_MODES
@@ -109,12 +110,13 @@ class OpenCabinetTask(SuiteTask):
         super().__init__(scene, mdp, **observables)
         self.records = OpeningRecords(self, "drawer")
         self.vary(handles=[scene.cabinet.handle_site(drawer)], home=DEFAULT_POSE)
-        name = f"{drawer}_drawer" + ("" if reward == "original" else f"_{reward}")
-        self.policy_inputs = PolicyInputs(names=(name,), state_size=observation.SIZE + self.extra_size)
-        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(drawer={self.drawer!r}, reward={self.reward_name!r})"
+
+    def make_policy_inputs(self, state_size: int) -> PolicyInputs:
+        name = f"{self.drawer}_drawer" + ("" if self.reward_name == "original" else f"_{self.reward_name}")
+        return PolicyInputs(names=(name,), state_size=state_size)
 
     @property
     def instructions(self) -> tuple[str, ...]:
