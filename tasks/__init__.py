@@ -2,6 +2,8 @@
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
+from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.goals import Goal
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
@@ -19,6 +21,8 @@ __all__ = [
     "DEFAULT_TASKS",
     "GOALS",
     "MDP",
+    "OFFSET_MODES",
+    "ActionMode",
     "FeatureSensors",
     "Goal",
     "KitchenTask",
@@ -32,5 +36,8 @@ __all__ = [
     "Transition",
     "around",
     "between",
+    "make_mode",
     "one_of",
+    "split_options",
+    "unit_spec",
 ]

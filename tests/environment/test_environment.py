@@ -84,7 +84,7 @@ def test_an_observable_that_needs_them_sees_every_substep(settings):
         task = make_task()
         clock = observable.Generic(lambda physics: np.array([physics.time()]), **settings)
         clock.enabled = True
-        task._observables.by_name["clock"] = clock
+        task.observed["clock"] = clock
         return cls(task, random_state=1)
 
     ours, stock = make(Environment), make(composer.Environment)

@@ -154,7 +154,7 @@ def test_a_copy_continues_with_the_noise_of_the_last_observation(domain):
             env.step(rng.normal(size=env.action_space.shape).clip(-1, 1))
         for other in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
             again = other.set_state(env.get_state())
-            np.testing.assert_array_equal(numbers(again), numbers(env.observations(*env._parts())))
+            np.testing.assert_array_equal(numbers(again), numbers(env.observations(env._present())))
         actions = rng.normal(size=(4, *env.action_space.shape)).clip(-1, 1)
         expected = [env.step(action) for action in actions]
         for action, (observation, reward, *_) in zip(actions, expected, strict=True):

@@ -122,7 +122,7 @@ def test_reward_terms_by_hand():
     observation = np.zeros((3, SIZE))
     observation[1, PARTS["handle_offset"]] = 0.06, 0.0, 0.08
     observation[:, PARTS["door_position"]] = [[-0.15], [0.3], [-2.0]]
-    state = MicrowaveTableState(observation, {}, np.zeros(3, bool), np.zeros(3, bool))
+    state = MicrowaveTableState(observation, np.zeros((3, 9)), {}, np.zeros(3, bool), np.zeros(3, bool))
     step = Transition(state, np.zeros(8), np.zeros(9), state)
     terms = {name: term(step) for name, term in REWARDS.items()}
     assert tuple(terms) == ("approach", "opening")
