@@ -1,4 +1,4 @@
-"""A control mode of one's own: velocities of the seven arm joints, with an open hand. Run: python my_control_mode.py."""
+"""A control mode of one's own: velocities of the arm's joints, with an open hand. Run: python my_control_mode.py."""
 
 import gymnasium
 import numpy as np

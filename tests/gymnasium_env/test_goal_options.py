@@ -8,6 +8,9 @@ from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.kitchen.observation import FRANKA_PARTS
 
+ROBOT = FRANKA_PARTS.robot_positions
+OBJECTS = FRANKA_PARTS.object_positions
+
 NO_NOISE = {"object_noise_ratio": 0.0, "robot_noise_ratio": 0.0}
 
 
@@ -23,17 +26,13 @@ def test_a_number_asks_for_its_task_and_shows_its_goal(environment, task_id):
     assert info["requested_tasks"] == [task]
     goal, start = info["goal"], observation["observation"]
     assert goal.shape == start.shape
-    np.testing.assert_array_equal(
-        np.r_[goal[FRANKA_PARTS.robot_positions], goal[FRANKA_PARTS.object_positions]], observation["goal_states"]
-    )
+    np.testing.assert_array_equal(np.r_[goal[ROBOT], goal[OBJECTS]], observation["goal_states"])
     elements = GOALS[task].elements_in(environment.composer_task.scene)
-    np.testing.assert_allclose(goal[FRANKA_PARTS.object_positions][elements], GOALS[task].value)
+    np.testing.assert_allclose(goal[OBJECTS][elements], GOALS[task].value)
     # All else is as at the start, and at rest.
     others = np.setdiff1d(np.arange(21), elements)
-    np.testing.assert_allclose(
-        goal[FRANKA_PARTS.object_positions][others], start[FRANKA_PARTS.object_positions][others], atol=1e-6
-    )
-    moving = np.setdiff1d(np.arange(59), np.r_[FRANKA_PARTS.robot_positions, FRANKA_PARTS.object_positions])
+    np.testing.assert_allclose(goal[OBJECTS][others], start[OBJECTS][others], atol=1e-6)
+    moving = np.setdiff1d(np.arange(59), np.r_[ROBOT, OBJECTS])
     assert not goal[moving].any()
 
 
@@ -55,9 +54,7 @@ def test_without_observed_goals_the_goal_has_all_tasks_done():
     assert info["goal"].shape == (59,)
     scene = environment.unwrapped.composer_task.scene
     for task in ("microwave", "kettle"):
-        np.testing.assert_allclose(
-            info["goal"][FRANKA_PARTS.object_positions][GOALS[task].elements_in(scene)], GOALS[task].value
-        )
+        np.testing.assert_allclose(info["goal"][OBJECTS][GOALS[task].elements_in(scene)], GOALS[task].value)
     environment.close()
 
 
