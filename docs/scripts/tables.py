@@ -800,6 +800,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "protocol_differences": protocol_differences,
     "my_task": functools.partial(example, "my_task"),
     "mug": functools.partial(example, "mug"),
+    "my_control_mode": functools.partial(example, "my_control_mode"),
     "my_arm": functools.partial(example, "my_arm", " thorough"),
     "fixtures": fixture_table,
     "kitchens_tasks": functools.partial(task_table, "kitchens"),
