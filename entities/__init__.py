@@ -2,9 +2,10 @@
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
-from kitchen_suite.entities.designs import GeneratedKitchen, KitchenDesign, build_generated_kitchen
+from kitchen_suite.entities.designs import KitchenDesign
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.franka_specs import KITCHEN_FRANKA, PANDA
+from kitchen_suite.entities.generated_kitchen import GeneratedKitchen, build_generated_kitchen
 from kitchen_suite.entities.parameters import Parameter, ParameterType
 from kitchen_suite.entities.props import (
     Counter,

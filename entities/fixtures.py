@@ -1,33 +1,48 @@
-"""Fixtures of generated kitchens: parametric cabinets and stoves from boxes, and the kitchen's own props.
+"""Fixtures of generated kitchens, built from their designs: cabinets and stoves of boxes, and props of the kitchen.
 
-A fixture's frame has its origin in the middle of its front, x to the right of who stands before it, y into it, z up.
-The origin is at the upper edge of a fixture below a counter, and of a tall one at the counter's height; that of others
-is at the lower edge. Each fixture has an extent, and parts that move: drawers, doors, knobs, a switch.
+`fixture_designs` describes the frame of a fixture. A fixture has parts that move: drawers, doors, knobs, a switch.
 """
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite.entities import assets, props
 from kitchen_suite.entities.assets import Vector
+from kitchen_suite.entities.fixture_designs import (
+    CLEARANCE,
+    KNOB_RADIUS,
+    BaseDoorsDesign,
+    DrawersDesign,
+    Extent,
+    FixtureDesign,
+    Handle,
+    HingeCabinetDesign,
+    HoodDesign,
+    KitchenPropDesign,
+    Level,
+    MicrowaveDesign,
+    OvenDesign,
+    SlideCabinetDesign,
+    StoveDesign,
+    TallDoorDesign,
+    WallDoorsDesign,
+    WallSlidingDesign,
+)
 from kitchen_suite.entities.props import Prop
+from kitchen_suite.entities.styles import DARK, STEEL, Style
 
 PART_KINDS = ("drawer", "door", "sliding door", "knob", "switch", "kettle")  # Kinds of parts.
-HANDLES = ("bar", "knob")  # Handles of parametric fixtures.
 GAP = 0.004  # Gap between fronts, and from a front to the edge of its fixture [m].
 
 PANEL = 0.02  # Thickness of panels [m].
 WORKTOP = 0.03  # Thickness of worktops [m].
 
-CLEARANCE = 0.06  # Distance of the axis of a handle's bar from the front [m].
 BAR_RADIUS = 0.01  # Radius of a handle's bar [m].
 BAR_HALF_LENGTH = 0.06  # Half length of a handle's bar [m].
-KNOB_RADIUS = 0.018  # Radius of a knob as a handle [m].
 
 EDGE = 0.05  # Distance of a door's handle from the door's free edge [m].
 CORNER = 0.1  # Distance of a door's handle from the door's upper or lower edge [m].
@@ -43,51 +58,9 @@ KNOB_ANGLE = -0.88  # Angle at which a knob counts as on [rad].
 SWITCH_ANGLE = -0.69  # Angle at which a switch counts as on [rad].
 
 _STIFF_FRICTION = (0.99, 0.999, 0.001)  # `solimpfriction` of slides and hinges, as of `cabinet.Cabinet`.
-_ROOM = CLEARANCE + KNOB_RADIUS  # Room before fixtures of boxes that handles take up [m].
-
-_BASE_DEPTH = 0.5  # Depth of parametric fixtures below a counter, and of tall ones [m].
-_WALL_DEPTH = 0.32  # Depth of parametric fixtures above a counter [m].
-
-_TALL_BOTTOM = -0.75  # Lower edge of a tall cabinet, from the counter's height up [m].
-_TALL_TOP = 0.85  # Upper edge of a tall cabinet, from the counter's height up [m].
 
 # Height of doors' handles in the frame of their fixture, by its level [m].
-_HANDLE_HEIGHTS = {"base": -WORKTOP - CORNER, "wall": CORNER, "tall": 0.2}
-
-# Colours that do not depend on the style: red, green and blue from 0 to 1.
-DARK = (0.12, 0.12, 0.13)  # Of windows, cooktops and plinths.
-STEEL = (0.72, 0.73, 0.75)  # Of stoves.
-
-
-class Style(NamedTuple):
-    """Colours of a kitchen: red, green and blue from 0 to 1.
-
-    Attributes:
-      front: of drawers and doors.
-      carcass: of the boxes behind them.
-      worktop: of the worktops.
-      metal: of handles.
-      wall: of the walls.
-    """
-
-    front: Vector
-    carcass: Vector
-    worktop: Vector
-    metal: Vector
-    wall: Vector
-
-
-_COLOURS = {
-    "slate": ((0.36, 0.47, 0.53), (0.80, 0.79, 0.76), (0.55, 0.40, 0.26), (0.80, 0.80, 0.82), (0.89, 0.88, 0.85)),
-    "oak": ((0.72, 0.55, 0.36), (0.86, 0.83, 0.77), (0.22, 0.22, 0.23), (0.20, 0.20, 0.21), (0.83, 0.85, 0.84)),
-    "white": ((0.92, 0.91, 0.88), (0.85, 0.84, 0.81), (0.62, 0.62, 0.60), (0.72, 0.58, 0.35), (0.66, 0.74, 0.78)),
-    "sage": ((0.55, 0.62, 0.50), (0.88, 0.87, 0.82), (0.80, 0.72, 0.60), (0.75, 0.60, 0.36), (0.93, 0.90, 0.83)),
-    "navy": ((0.16, 0.22, 0.34), (0.75, 0.75, 0.76), (0.90, 0.89, 0.87), (0.82, 0.82, 0.84), (0.86, 0.83, 0.76)),
-    "terracotta": ((0.68, 0.40, 0.30), (0.90, 0.86, 0.80), (0.36, 0.28, 0.22), (0.30, 0.28, 0.27), (0.92, 0.87, 0.78)),
-}
-
-STYLES: Mapping[str, Style] = MappingProxyType({name: Style(*colours) for name, colours in _COLOURS.items()})
-"""Styles by name."""
+_HANDLE_HEIGHTS: Mapping[Level, float] = {"base": -WORKTOP - CORNER, "wall": CORNER, "tall": 0.2}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,54 +89,10 @@ class Part:
     twin: str | None = None
 
 
-class Extent(NamedTuple):
-    """A box in a fixture's frame: what the fixture takes up when it is closed, with its handles [m].
-
-    The handle of `wall_sliding` reaches up to 24 mm farther. Certificates measure the parts themselves.
-
-    Attributes:
-      low: least x, y and z.
-      high: greatest ones.
-    """
-
-    low: Vector
-    high: Vector
-
-    @property
-    def width(self) -> float:
-        """Along x [m]."""
-        return self.high[0] - self.low[0]
+DesignT = TypeVar("DesignT", bound=FixtureDesign)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class FixtureDesign:
-    """Kind, sizes and options of a fixture; options that its kind does not have are None.
-
-    Attributes:
-      kind: key of `KINDS`.
-      width: along the row [m].
-      height: of its fronts, or of a wall cabinet [m].
-      count: number of drawers, doors or knobs.
-      handle: one of `HANDLES`.
-      hinge: side on which a single door is hinged, or from which a sliding door slides away: `left` or `right`.
-      gap: free space to its left in the row [m].
-    """
-
-    kind: str
-    width: float | None = None
-    height: float | None = None
-    count: int | None = None
-    handle: str | None = None
-    hinge: str | None = None
-    gap: float = 0.0
-
-    @property
-    def extent(self) -> Extent:
-        """Box that the fixture takes up, in its frame."""
-        return KINDS[self.kind].extent(self)
-
-
-class Fixture(Prop):
+class Fixture(Prop, Generic[DesignT]):
     """A fixture of boxes, built from its design.
 
     Attributes:
@@ -172,7 +101,7 @@ class Fixture(Prop):
 
     parts: tuple[Part, ...] = ()
 
-    def _build(self, *, design: FixtureDesign, style: Style, visuals: bool, name: str) -> None:
+    def _build(self, *, design: DesignT, style: Style, visuals: bool, name: str) -> None:
         """Builds the fixture of a design in a style; `name` is the prefix of its elements in a scene.
 
         Without `visuals` it has no visual geoms; the physics stays the same to the bit.
@@ -180,15 +109,13 @@ class Fixture(Prop):
         self._mjcf_root = assets.new_model(name)
         self._add_defaults(style)
         self._body = self._mjcf_root.worldbody.add("body", name="carcass")
-        self._level = KINDS[design.kind].level
-        _, depth, top = design.extent.high
-        self._furnish(design, design.extent.width, depth, design.extent.low[2], top)
+        self._furnish(design, design.extent)
         self._mjcf_root.resolve_references()
         if not visuals:
             assets.remove_visuals(self._mjcf_root)
 
-    def _furnish(self, design: FixtureDesign, width: float, depth: float, bottom: float, top: float) -> None:
-        """Adds the boxes and the parts, from the bottom to the top [m]."""
+    def _furnish(self, design: DesignT, extent: Extent) -> None:
+        """Adds the boxes and the parts, within the extent of the design."""
         raise NotImplementedError
 
     @property
@@ -205,9 +132,13 @@ class Fixture(Prop):
             group=4, contype=0, conaffinity=1, margin=0.001, solimp=(0.8, 0.9, 0.01), solref=(0.02, 1), mass=0
         )
         asset = self._mjcf_root.asset
-        for part, shine in (("front", 0.3), ("carcass", 0.1), ("worktop", 0.25), ("metal", 0.8)):
-            rgba = (*getattr(style, part), 1)
-            asset.add("material", name=part, rgba=rgba, specular=shine, shininess=shine)
+        for part, color, shine in (
+            ("front", style.front, 0.3),
+            ("carcass", style.carcass, 0.1),
+            ("worktop", style.worktop, 0.25),
+            ("metal", style.metal, 0.8),
+        ):
+            asset.add("material", name=part, rgba=(*color, 1), specular=shine, shininess=shine)
         for name, color in (("dark", DARK), ("steel", STEEL)):
             asset.add("material", name=name, rgba=(*color, 1), specular=0.3, shininess=0.5)
 
@@ -227,18 +158,21 @@ class Fixture(Prop):
 
     def _add_carcass(self, low: Vector, high: Vector) -> None:
         """Adds an open box behind the fronts: sides, floor, top and back."""
-        (x0, y0, z0), (x1, y1, z1) = low, high
-        y0 += PANEL
-        self._add_box(self._body, "left_side", (x0, y0, z0), (x0 + PANEL, y1, z1), "carcass")
-        self._add_box(self._body, "right_side", (x1 - PANEL, y0, z0), (x1, y1, z1), "carcass")
-        inner = x0 + PANEL, x1 - PANEL
-        self._add_box(self._body, "bottom", (inner[0], y0, z0), (inner[1], y1, z0 + PANEL), "carcass")
-        self._add_box(self._body, "top", (inner[0], y0, z1 - PANEL), (inner[1], y1, z1), "carcass")
-        self._add_box(self._body, "back", (inner[0], y1 - PANEL, z0), (inner[1], y1, z1), "carcass")
+        left, front, bottom = low
+        right, back, top = high
+        front += PANEL
+        self._add_box(self._body, "left_side", (left, front, bottom), (left + PANEL, back, top), "carcass")
+        self._add_box(self._body, "right_side", (right - PANEL, front, bottom), (right, back, top), "carcass")
+        left += PANEL
+        right -= PANEL
+        self._add_box(self._body, "bottom", (left, front, bottom), (right, back, bottom + PANEL), "carcass")
+        self._add_box(self._body, "top", (left, front, top - PANEL), (right, back, top), "carcass")
+        self._add_box(self._body, "back", (left, back - PANEL, bottom), (right, back, top), "carcass")
 
     def _add_worktop(self, width: float, depth: float, height: float) -> None:
         """Adds a worktop whose upper face is at a height."""
-        low, high = (-width / 2, -0.01, height - WORKTOP), (width / 2, depth, height)
+        low = (-width / 2, -0.01, height - WORKTOP)
+        high = (width / 2, depth, height)
         self._add_box(self._body, "worktop", low, high, "worktop")
 
     def _add_part(
@@ -250,13 +184,13 @@ class Fixture(Prop):
         self.parts = (*self.parts, Part(kind, name, f"{name}_handle", opened, words))
         return body
 
-    def _add_handle(self, body: mjcf.Element, kind: str | None, pos: Vector, *, upright: bool) -> None:
+    def _add_handle(self, body: mjcf.Element, kind: Handle, pos: Vector, *, upright: bool) -> None:
         """Adds the handle of a part, with its centre before a place on the front, in the body's frame [m].
 
         Its site has z into the fixture and y along the bar.
         """
-        x, y, z = pos
-        front, y = y, y - CLEARANCE
+        x, front, z = pos
+        y = front - CLEARANCE
         shapes: dict[str, dict[str, Any]] = {}
         if kind == "bar":
             dx, dz = (0.0, BAR_HALF_LENGTH) if upright else (BAR_HALF_LENGTH, 0.0)
@@ -274,88 +208,97 @@ class Fixture(Prop):
         body.add("site", name=name, pos=(x, y, z), xyaxes=frame, size=(0.008,), group=3)
 
 
-class Drawers(Fixture):
+class Drawers(Fixture[DrawersDesign]):
     """Drawers below a worktop, one above the other."""
 
-    def _furnish(self, design: FixtureDesign, width: float, depth: float, bottom: float, top: float) -> None:
-        self._add_worktop(width, depth, top)
-        self._add_carcass((-width / 2, 0, bottom), (width / 2, depth, -WORKTOP))
-        count = design.count or 1
-        height, half = (-bottom - WORKTOP) / count, width / 2 - PANEL - GAP
+    def _furnish(self, design: DrawersDesign, extent: Extent) -> None:
+        half_width = design.width / 2
+        self._add_worktop(design.width, extent.depth, extent.top)
+        self._add_carcass((-half_width, 0, extent.bottom), (half_width, extent.depth, -WORKTOP))
+        height = (design.height - WORKTOP) / design.count
+        inner = half_width - PANEL - GAP
+        back = extent.depth - 2 * PANEL
         joint = {"type": "slide", "axis": (0, -1, 0), "range": (0, _DRAWER_TRAVEL), "damping": 8, "frictionloss": 2}
-        for number in range(count):
+        for number in range(design.count):
             name = f"drawer_{number + 1}"
-            words = _numbered("drawer", number, count)
-            top = -WORKTOP - number * height
+            words = _numbered("drawer", number, design.count)
             body = self._add_part("drawer", name, DRAWER_OPENING, words, joint=joint)
-            low, high = (-width / 2 + GAP, 0, top - height + GAP / 2), (width / 2 - GAP, PANEL, top - GAP / 2)
+            top = -WORKTOP - number * height
+            low = (-half_width + GAP, 0, top - height + GAP / 2)
+            high = (half_width - GAP, PANEL, top - GAP / 2)
             self._add_box(body, name, low, high, "front", 0.8)
-            back, floor = depth - 2 * PANEL, top - height + PANEL + GAP
+            floor = top - height + PANEL + GAP
             rim = max(top - 0.3 * height, floor + 0.01)
-            self._add_box(body, f"{name}_floor", (-half, PANEL, floor), (half, back, floor + 0.01), "carcass", 0.4)
-            for side, x in (("left", -half), ("right", half - 0.01)):
+            self._add_box(body, f"{name}_floor", (-inner, PANEL, floor), (inner, back, floor + 0.01), "carcass", 0.4)
+            for side, x in (("left", -inner), ("right", inner - 0.01)):
                 self._add_box(body, f"{name}_{side}", (x, PANEL, floor), (x + 0.01, back, rim), "carcass", 0.1)
             self._add_handle(body, design.handle, (0, 0, top - height / 2), upright=False)
 
 
-class Doors(Fixture):
+class Doors(Fixture[BaseDoorsDesign | WallDoorsDesign | TallDoorDesign]):
     """One or two hinged doors, of a base cabinet with a worktop, a wall cabinet or a tall one."""
 
-    def _furnish(self, design: FixtureDesign, width: float, depth: float, bottom: float, top: float) -> None:
-        if self._level == "base":
-            self._add_worktop(width, depth, top)
+    def _furnish(self, design: BaseDoorsDesign | WallDoorsDesign | TallDoorDesign, extent: Extent) -> None:
+        half_width = design.width / 2
+        top = extent.top
+        if design.level == "base":
+            self._add_worktop(design.width, extent.depth, top)
             top -= WORKTOP
-        self._add_carcass((-width / 2, 0, bottom), (width / 2, depth, top))
-        sides = ("left", "right") if design.count == 2 else (design.hinge or "left",)
-        span = width / len(sides) - 2 * GAP
-        low, high = bottom + GAP, top - GAP
-        mass = max(0.5, 6.0 * span * (high - low))
-        for side in sides:
-            words = "door" if len(sides) == 1 else f"{side} door"
+        self._add_carcass((-half_width, 0, extent.bottom), (half_width, extent.depth, top))
+        is_single = len(design.hinges) == 1
+        span = design.width / len(design.hinges) - 2 * GAP
+        lower = extent.bottom + GAP
+        upper = top - GAP
+        mass = max(0.5, 6.0 * span * (upper - lower))
+        for side in design.hinges:
+            words = "door" if is_single else f"{side} door"
             # Of the side of the hinges, from which the door swings towards who stands before it.
             sign = 1 if side == "left" else -1
             swing = {"axis": (0, 0, 1), "range": (-_DOOR_TRAVEL, 0) if sign > 0 else (0, _DOOR_TRAVEL)}
             joint = {"type": "hinge", **swing, "damping": 0.8, "frictionloss": 0.6}
-            pos = (-sign * (width / 2 - GAP), PANEL / 2, 0)
+            pos = (-sign * (half_width - GAP), PANEL / 2, 0)
             body = self._add_part("door", f"{side}_door", -sign * DOOR_OPENING, words, joint=joint, pos=pos)
-            ends = sorted((0.0, sign * span))
-            self._add_box(body, body.name, (ends[0], -PANEL / 2, low), (ends[1], PANEL / 2, high), "front", mass)
-            place = (sign * (span - EDGE), -PANEL / 2, _HANDLE_HEIGHTS[self._level])
+            left, right = sorted((0.0, sign * span))
+            self._add_box(body, body.name, (left, -PANEL / 2, lower), (right, PANEL / 2, upper), "front", mass)
+            place = (sign * (span - EDGE), -PANEL / 2, _HANDLE_HEIGHTS[design.level])
             self._add_handle(body, design.handle, place, upright=True)
 
 
-class SlidingDoor(Fixture):
+class SlidingDoor(Fixture[WallSlidingDesign]):
     """A wall cabinet with a door before one half, which slides before the other half."""
 
-    def _furnish(self, design: FixtureDesign, width: float, depth: float, bottom: float, top: float) -> None:
-        self._add_carcass((-width / 2, 0, 0), (width / 2, depth, top))
+    def _furnish(self, design: WallSlidingDesign, extent: Extent) -> None:
+        half_width = design.width / 2
+        self._add_carcass((-half_width, 0, 0), (half_width, extent.depth, extent.top))
+        upper = extent.top - GAP
         sign = 1 if design.hinge == "left" else -1
-        fixed = sorted((0.0, sign * (width / 2 - GAP)))
-        self._add_box(self._body, "panel", (fixed[0], 0, GAP), (fixed[1], PANEL, top - GAP), "front")
-        travel = min(_SLIDING_TRAVEL, width / 2 - EDGE)
+        left, right = sorted((0.0, sign * (half_width - GAP)))
+        self._add_box(self._body, "panel", (left, 0, GAP), (right, PANEL, upper), "front")
+        travel = min(_SLIDING_TRAVEL, half_width - EDGE)
         slide = {"axis": (1, 0, 0), "range": (0, travel) if sign > 0 else (-travel, 0)}
         joint = {"type": "slide", **slide, "damping": 2, "frictionloss": 2}
         opened = sign * min(SLIDING_OPENING, 0.8 * travel)
         body = self._add_part("sliding door", "door", opened, "sliding door", joint=joint)
-        ends = sorted((-sign * (width / 2 - GAP), 0.0))
-        self._add_box(body, "door", (ends[0], -PANEL - GAP, GAP), (ends[1], -GAP, top - GAP), "front", 1.0)
-        self._add_handle(body, design.handle, (-sign * (width / 2 - EDGE - GAP), -PANEL - GAP, CORNER), upright=True)
+        left, right = sorted((-sign * (half_width - GAP), 0.0))
+        self._add_box(body, "door", (left, -PANEL - GAP, GAP), (right, -GAP, upper), "front", 1.0)
+        self._add_handle(body, design.handle, (-sign * (half_width - EDGE - GAP), -PANEL - GAP, CORNER), upright=True)
 
 
-class Stove(Fixture):
+class Stove(Fixture[StoveDesign]):
     """A stove below a cooktop, with knobs in its front."""
 
-    def _furnish(self, design: FixtureDesign, width: float, depth: float, bottom: float, top: float) -> None:
+    def _furnish(self, design: StoveDesign, extent: Extent) -> None:
+        width = design.width
+        depth = extent.depth
+        bottom = extent.bottom
         self._add_box(self._body, "top", (-width / 2, -0.01, -WORKTOP), (width / 2, depth, 0), "dark")
-        low, high = (-width / 2 + GAP, 0, bottom), (width / 2 - GAP, depth, -WORKTOP)
-        self._add_box(self._body, "case", low, high, "steel")
+        self._add_box(self._body, "case", (-width / 2 + GAP, 0, bottom), (width / 2 - GAP, depth, -WORKTOP), "steel")
         window = (-0.35 * width, -0.004, 0.9 * bottom), (0.35 * width, 0, 0.4 * bottom)
         self._add_box(self._body, "window", *window, "dark")
-        count = design.count or 1
-        step = min(0.15, (width - 0.1) / count)
-        for number in range(count):
-            words = _numbered("knob", number, count, ("left", "middle", "right"))
-            self._add_knob(f"knob_{number + 1}", words, (number - (count - 1) / 2) * step)
+        step = min(0.15, (width - 0.1) / design.count)
+        for number in range(design.count):
+            words = _numbered("knob", number, design.count, ("left", "middle", "right"))
+            self._add_knob(f"knob_{number + 1}", words, (number - (design.count - 1) / 2) * step)
         for x in (-0.22 * width, 0.22 * width):
             for y in (0.27 * depth, 0.73 * depth):
                 for radius, height, material in ((0.09, 0.002, "steel"), (0.08, 0.003, "dark")):
@@ -367,7 +310,8 @@ class Stove(Fixture):
         joint = {"type": "hinge", "axis": (0, 0, 1), "range": (-1.57, 0), "damping": 0.4, "frictionloss": 0.1}
         place = {"pos": (x, 0, -WORKTOP - 0.07), "xyaxes": (1, 0, 0, 0, 0, 1)}
         body = self._add_part("knob", name, KNOB_ANGLE, words, joint=joint, **place)
-        mass, bar = {"mass": 0.01}, (0, 0, 0.038)
+        mass = {"mass": 0.01}
+        bar = (0, 0, 0.038)
         self._add_geoms(body, f"{name}_bar", "dark", mass, type="box", pos=bar, size=(0.014, 0.048, 0.018))
         self._add_geoms(body, f"{name}_disc", "steel", mass, type="cylinder", pos=(0, 0, 0.013), size=(0.05, 0.008))
         body.add("site", name=f"{name}_handle", pos=bar, size=(0.01,), group=3)
@@ -392,8 +336,16 @@ _OVEN_PARTS = tuple(
         (1, "lower right knob", "bottom_right_burner", "bottom right burner"),
     )
 )
-_LIGHT: dict[str, Any] = {"follower": "light_joint", "ratio": 1 / 14, "twin": "light switch"}
-_SWITCH = Part("switch", "light_switch", "switch", SWITCH_ANGLE, "light switch", **_LIGHT)
+_SWITCH = Part(
+    "switch",
+    "light_switch",
+    "switch",
+    SWITCH_ANGLE,
+    "light switch",
+    follower="light_joint",
+    ratio=1 / 14,
+    twin="light switch",
+)
 _MICROWAVE_DOOR = Part("door", "microwave", "handle", -0.75, "door", twin="microwave")
 # The left door is in reach in few places only.
 _RIGHT_DOOR = Part("door", "right_hinge_cabinet", "right_handle", 1.3, "right door", twin="hinge cabinet")
@@ -402,122 +354,58 @@ KETTLE = Part("kettle", None, "handle", 0.4, "kettle", twin="kettle")
 """The kettle, which counts as moved when it has come 0.4 m back, to the next burner."""
 
 
-@dataclasses.dataclass(frozen=True)
-class FixtureKind:
-    """A kind of fixture of boxes.
+class BuiltFixture(NamedTuple):
+    """A fixture in MJCF.
 
     Attributes:
-      entity: its class.
-      level: where it stands: `base` below the counter, `counter` on it, `wall` above it, `tall` beside it.
-      words: the fixture in words.
-      options: bounds `(low, high)` of numbers, or choices, by the names of the design's options.
-    """
-
-    entity: type[Prop]
-    level: str
-    words: str
-    options: Mapping[str, tuple[Any, ...]] = dataclasses.field(default_factory=dict)
-
-    @property
-    def origin(self) -> Vector:
-        """Position of the entity's frame in the fixture's frame [m]."""
-        return 0.0, 0.0, 0.0
-
-    def build(self, design: FixtureDesign, style: Style, visuals: bool, name: str) -> Prop:
-        """Builds the entity of a design in a style; `name` is the prefix of its elements in a scene."""
-        return self.entity(design=design, style=style, visuals=visuals, name=name)
-
-    def extent(self, design: FixtureDesign) -> Extent:
-        """Returns what a fixture takes up, in its frame."""
-        assert design.width is not None
-        height, depth = design.height or 0.0, _WALL_DEPTH if self.level == "wall" else _BASE_DEPTH
-        bottom, top = {"base": (-height, 0.0), "wall": (0.0, height), "tall": (_TALL_BOTTOM, _TALL_TOP)}[self.level]
-        return Extent((-design.width / 2, -_ROOM, bottom), (design.width / 2, depth, top))
-
-    def parts_of(self, prop: Prop) -> tuple[Part, ...]:
-        """Returns the parts of an entity of this kind."""
-        assert isinstance(prop, Fixture)
-        return prop.parts
-
-
-@dataclasses.dataclass(frozen=True)
-class KitchenPropKind(FixtureKind):
-    """A prop of the kitchen as a fixture, in whose style its lacquer is painted.
-
-    Attributes:
-      low, high: corners of what it takes up, in its own frame [m].
+      prop: its entity.
       parts: that move.
-      room: for handles, before the box [m].
     """
 
-    _: dataclasses.KW_ONLY
-    low: Vector
-    high: Vector
+    prop: Prop
     parts: tuple[Part, ...]
-    room: float = 0.0
-
-    @property
-    def origin(self) -> Vector:
-        # The kitchen's counter is 1.6 m above the frame of its oven.
-        height = 1.6 if self.level == "base" else self.low[2]
-        return -(self.low[0] + self.high[0]) / 2, -self.low[1], -height
-
-    def build(self, design: FixtureDesign, style: Style, visuals: bool, name: str) -> Prop:
-        built = self.entity(visuals=visuals, name=name)
-        lacquer = built.mjcf_model.find("material", "lacquer")
-        if lacquer is not None:
-            lacquer.rgba = (*style.front, 1)
-        return built
-
-    def extent(self, design: FixtureDesign) -> Extent:
-        (x, y, z), high = (tuple(np.add(corner, self.origin).tolist()) for corner in (self.low, self.high))
-        return Extent((x, y - self.room, z), high)
-
-    def parts_of(self, prop: Prop) -> tuple[Part, ...]:
-        return self.parts
 
 
-_COUNT = (1, 2, 3, 4)  # Possible numbers of drawers or knobs.
+_BOXES: Mapping[type[FixtureDesign], type[Fixture[Any]]] = {
+    DrawersDesign: Drawers,
+    BaseDoorsDesign: Doors,
+    StoveDesign: Stove,
+    WallDoorsDesign: Doors,
+    WallSlidingDesign: SlidingDoor,
+    TallDoorDesign: Doors,
+}
 
-# Options of every fixture with doors.
-_DOOR = {"handle": HANDLES, "hinge": ("left", "right")}
+_KITCHEN_PROPS: Mapping[type[KitchenPropDesign], type[Prop]] = {
+    OvenDesign: props.Oven,
+    HoodDesign: props.Hood,
+    HingeCabinetDesign: props.HingeCabinet,
+    SlideCabinetDesign: props.SlideCabinet,
+    MicrowaveDesign: props.Microwave,
+}
 
-KINDS: Mapping[str, FixtureKind] = MappingProxyType(
-    {
-        "drawers": FixtureKind(
-            Drawers, "base", "cabinet", {"width": (0.3, 0.9), "height": (0.16, 0.6), "count": _COUNT, "handle": HANDLES}
-        ),
-        "base_doors": FixtureKind(
-            Doors, "base", "cabinet", {"width": (0.3, 0.9), "height": (0.3, 0.7), "count": (1, 2), **_DOOR}
-        ),
-        "stove": FixtureKind(
-            Stove, "base", "stove", {"width": (0.45, 0.9), "height": (0.4, 0.7), "count": _COUNT}
-        ),
-        "wall_doors": FixtureKind(
-            Doors, "wall", "wall cabinet", {"width": (0.3, 0.9), "height": (0.3, 0.6), "count": (1, 2), **_DOOR}
-        ),
-        "wall_sliding": FixtureKind(
-            SlidingDoor, "wall", "wall cabinet", {"width": (0.5, 0.9), "height": (0.3, 0.6), **_DOOR}
-        ),
-        "tall_door": FixtureKind(Doors, "tall", "tall cabinet", {"width": (0.3, 0.6), **_DOOR}),
-        "oven": KitchenPropKind(
-            props.Oven, "base", "oven", low=(-0.402, -0.704, 0.0), high=(0.598, 0.613, 2.39), parts=_OVEN_PARTS
-        ),
-        "hood": KitchenPropKind(
-            props.Hood, "wall", "hood", low=(-0.402, -0.179, 2.164), high=(0.602, 0.597, 2.404), parts=(_SWITCH,)
-        ),
-        "hinge_cabinet": KitchenPropKind(
-            props.HingeCabinet, "wall", "hinge cabinet",
-            low=(-0.4, -0.35, -0.2), high=(0.4, 0.3, 0.2), parts=(_RIGHT_DOOR,), room=0.12,
-        ),
-        "slide_cabinet": KitchenPropKind(
-            props.SlideCabinet, "wall", "slide cabinet",
-            low=(-0.45, -0.36, -0.2), high=(0.45, 0.3, 0.2), parts=(_SLIDING_DOOR,), room=0.11,
-        ),
-        "microwave": KitchenPropKind(
-            props.Microwave, "counter", "microwave",
-            low=(-0.345, -0.221, 0.0), high=(0.345, 0.222, 0.374), parts=(_MICROWAVE_DOOR,), room=0.1,
-        ),
-    }
-)  # fmt: skip
-"""The kinds of fixtures by name."""
+_KITCHEN_PARTS: Mapping[type[KitchenPropDesign], tuple[Part, ...]] = {
+    OvenDesign: _OVEN_PARTS,
+    HoodDesign: (_SWITCH,),
+    HingeCabinetDesign: (_RIGHT_DOOR,),
+    SlideCabinetDesign: (_SLIDING_DOOR,),
+    MicrowaveDesign: (_MICROWAVE_DOOR,),
+}
+
+
+def build_fixture(design: FixtureDesign, style: Style, *, visuals: bool, name: str) -> BuiltFixture:
+    """Builds the fixture of a design.
+
+    Args:
+      design: of the fixture.
+      style: colours of the boxes, or of the lacquer of a prop of the kitchen.
+      visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
+      name: prefix of its elements in a scene.
+    """
+    if not isinstance(design, KitchenPropDesign):
+        fixture = _BOXES[type(design)](design=design, style=style, visuals=visuals, name=name)
+        return BuiltFixture(fixture, fixture.parts)
+    prop = _KITCHEN_PROPS[type(design)](visuals=visuals, name=name)
+    lacquer = prop.mjcf_model.find("material", "lacquer")
+    if lacquer is not None:
+        lacquer.rgba = (*style.front, 1)
+    return BuiltFixture(prop, _KITCHEN_PARTS[type(design)])

@@ -28,7 +28,8 @@ from tqdm import tqdm, trange
 
 from kitchen_suite import policies, suite
 from kitchen_suite.domains.kitchen import KITCHENS
-from kitchen_suite.entities.designs import SPLITS, KitchenDesign, build_generated_kitchen
+from kitchen_suite.entities import KitchenDesign, build_generated_kitchen
+from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.evaluation.certify_job import certify
 from kitchen_suite.evaluation.results import wilson
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES

@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from kitchen_suite import suite
-from kitchen_suite.entities.fixtures import HANDLES, STYLES
+from kitchen_suite.entities.fixture_designs import HANDLES
 from kitchen_suite.entities.joints import addresses
+from kitchen_suite.entities.styles import STYLES
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, rotations

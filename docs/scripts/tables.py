@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import gymnasium
+import msgspec
 import numpy as np
 from dm_control import composer, mjcf
 from gymnasium import spaces
@@ -29,8 +30,10 @@ from kitchen_suite import entities, suite
 from kitchen_suite.domains.arguments import Argument, Owner
 from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Franka
 from kitchen_suite.entities.appearance import Surface
-from kitchen_suite.entities.fixtures import KINDS, PART_KINDS, STYLES, FixtureDesign
+from kitchen_suite.entities.fixture_designs import KINDS, FixtureDesign
+from kitchen_suite.entities.fixtures import PART_KINDS, build_fixture
 from kitchen_suite.entities.props import BURNERS
+from kitchen_suite.entities.styles import STYLES
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, pushes
 from kitchen_suite.tasks.episode import sensing_parameters
@@ -229,13 +232,32 @@ def fixture_table() -> str:
     """Returns the table of the kinds of fixtures of generated kitchens."""
     rows = []
     for name, kind in KINDS.items():
-        most = FixtureDesign(kind=name, **{option: values[-1] for option, values in kind.options.items()})
-        parts = kind.parts_of(kind.build(most, STYLES["oak"], False, name))
+        values = _option_values(kind)
+        most = {option: allowed[-1] for option, allowed in values.items()}
+        if most.get("count") == 2:
+            del most["hinge"]
+        parts = build_fixture(kind(**most), STYLES["oak"], visuals=False, name=name).parts
         words = ", ".join(dict.fromkeys(part.kind for part in parts))
-        options = "; ".join(f"`{option}` {_values(values)}" for option, values in kind.options.items())
-        count = f"1 to {len(parts)}" if "count" in kind.options else len(parts)
+        options = "; ".join(f"`{option}` {_values(allowed)}" for option, allowed in values.items())
+        count = f"1 to {len(parts)}" if "count" in values else len(parts)
         rows.append((f"`{name}`", f"`{kind.level}`", options or "none", f"{words}, {count}"))
     return markdown(("kind", "level", "options", "parts that move"), rows)
+
+
+def _option_values(kind: type[FixtureDesign]) -> dict[str, Sequence[Any]]:
+    """Returns the bounds of each number of a kind's designs [m], its possible counts, and the choices of the others."""
+    values: dict[str, Sequence[Any]] = {}
+    for field in msgspec.inspect.type_info(kind).fields:
+        match field.type:
+            case msgspec.inspect.FloatType(ge=low, le=high) if field.name != "gap":
+                values[field.name] = (low, high)
+            case msgspec.inspect.IntType(ge=low, le=high):
+                values[field.name] = range(low, high + 1)
+            case msgspec.inspect.LiteralType(values=choices):
+                values[field.name] = choices
+            case msgspec.inspect.UnionType(types=(msgspec.inspect.LiteralType(values=choices), _)):
+                values[field.name] = choices
+    return values
 
 
 def _values(values: Sequence[Any]) -> str:

@@ -17,8 +17,8 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.fixtures import PART_KINDS
+from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.scenes import robot_base
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import Progress

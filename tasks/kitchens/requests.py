@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.fixtures import Part
+from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, TaskDraw, checked_order, in_order, order_of
 from kitchen_suite.tasks.requests import Requests
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen, Placed
-from kitchen_suite.entities.fixtures import KINDS, Part
+from kitchen_suite.entities.fixtures import Part
+from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
+from kitchen_suite.entities.kitchen_plans import Placed
 from kitchen_suite.names import KITCHENS_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.highlighting import Highlighting
@@ -223,8 +224,8 @@ _ORDINALS = (
 
 def _words(one: Placed, placed: Sequence[Placed]) -> str:
     """Returns a fixture in words, with its place among those called the same unless it is the only one."""
-    words = KINDS[one.design.kind].words
-    same = [each for each in placed if KINDS[each.design.kind].words == words]
+    words = one.design.words
+    same = [each for each in placed if each.design.words == words]
     same.sort(key=lambda each: np.arctan2(each.position[0], each.position[1]))
     places = {1: ("",), 2: ("left ", "right "), 3: ("left ", "middle ", "right ")}.get(len(same), _ORDINALS)
     azimuths = [np.arctan2(each.position[0], each.position[1]) for each in same]

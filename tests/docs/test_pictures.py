@@ -8,7 +8,7 @@ from docs_scripts import load_script
 from PIL import Image
 
 from kitchen_suite.entities.designs import KitchenDesign
-from kitchen_suite.entities.fixtures import KINDS
+from kitchen_suite.entities.fixture_designs import KINDS
 
 PICTURES = ROOT / "docs" / "pictures"
 FILM = PICTURES / "film.webp"

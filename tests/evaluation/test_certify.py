@@ -1,7 +1,5 @@
 """Certificates of generated kitchens: `kitchen-certify`, its file, and episodes of what is certified."""
 
-import dataclasses
-
 import msgspec
 import numpy as np
 import pytest
@@ -144,5 +142,5 @@ def test_the_certificates_of_the_package_are_of_todays_designs(split):
 
 def test_a_designs_digest_does_not_depend_on_its_name():
     design = KitchenDesign.drawn(5, "test")
-    named = dataclasses.replace(design, name="another")
+    named = msgspec.structs.replace(design, name="another")
     assert certificates.design_digest(named) == certificates.design_digest(design)

@@ -221,7 +221,7 @@ def test_pictures_are_those_of_each_kitchen():
         (
             [0, {"counter_height": 1.6, "style": "white", "rows": [{"side": "front"}]}],
             ValueError,
-            "design[1]: rows[0] must have",
+            "design[1]: rows[0].side 'front' does not exist",
         ),
     ],
     ids=["empty", "negative", "fraction", "file", "JSON"],

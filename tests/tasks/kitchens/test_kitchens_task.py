@@ -10,8 +10,8 @@ from helpers.errors import refused
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import record, replay, rollout
-from kitchen_suite.entities.designs import MAX_PARTS
 from kitchen_suite.entities.fixtures import PART_KINDS
+from kitchen_suite.entities.generated_kitchen import MAX_PARTS
 from kitchen_suite.names import FAST
 from kitchen_suite.tasks.kitchens.mdp import CLOSED, NOISE_SIZE, OPEN, PARTS, SIZE, SLOT_PARTS, SLOT_SIZE
 from kitchen_suite.tasks.kitchens.requests import VERBS
