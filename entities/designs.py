@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
 from kitchen_suite.entities import fixtures
+from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.fixtures import KINDS, STYLES, FixtureDesign, Part, Style
-from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.parameters import Parameter, door_parameters
 from kitchen_suite.entities.props import Kettle, Prop
+from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import FLOOR, GeneratedKitchenArena, Scene, exclude_base_contacts, robot_base
 
 SPLITS = ("train", "test")
@@ -498,7 +499,7 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
     made = KitchenDesign.make(design, split)
     arena = GeneratedKitchenArena(visuals=visuals)
     # The robot first, without its site in the world: all that is of it has the same indices in every kitchen.
-    robot, style = Franka(visuals=visuals), STYLES[made.style]
+    robot, style = Robot(KITCHEN_FRANKA, visuals=visuals), STYLES[made.style]
     arena.attach_at_site(robot)
     arena.mjcf_model.find("site", robot.mjcf_model.model).remove()
     props: dict[str, Prop] = {}

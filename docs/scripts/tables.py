@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from result_tables import RESULT_TABLES, markdown
 
 from kitchen_suite import entities, suite
-from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Franka
+from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Robot
 from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.fixtures import KINDS, PART_KINDS, STYLES, FixtureDesign
 from kitchen_suite.entities.props import BURNERS
@@ -423,7 +423,7 @@ def cabinet_grasp_reward_table() -> str:
 
 
 # Classes that are not built by calling them without arguments.
-_NOT_ALONE = (Franka, entities.KitchenProp, entities.Prop, entities.SiteArena)
+_NOT_ALONE = (Robot, entities.KitchenProp, entities.Prop, entities.SiteArena)
 
 
 def builders() -> dict[str, Callable[[], composer.Entity]]:
@@ -432,7 +432,7 @@ def builders() -> dict[str, Callable[[], composer.Entity]]:
     kinds = [each for each in public if isinstance(each, type) and issubclass(each, composer.Entity)]
     tasks = (suite.load(domain, suite.default_task(domain), {"visuals": False}).task for domain in suite.DOMAINS)
     kinds += [type(task.root_entity) for task in tasks]
-    robots = {"Franka(PANDA)": lambda: Franka(PANDA), "Franka(KITCHEN_FRANKA)": lambda: Franka(KITCHEN_FRANKA)}
+    robots = {"Robot(PANDA)": lambda: Robot(PANDA), "Robot(KITCHEN_FRANKA)": lambda: Robot(KITCHEN_FRANKA)}
     return robots | {f"{kind.__name__}()": kind for kind in kinds if kind not in _NOT_ALONE}
 
 
