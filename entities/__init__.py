@@ -1,10 +1,10 @@
-"""Entities: the Franka, the props and the arenas of the domains; each usable and viewable alone."""
+"""Entities: the robots, the props and the arenas of the domains; each usable and viewable alone."""
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
+from kitchen_suite.entities.arms import make_robot
+from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA, PANDA
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
 from kitchen_suite.entities.designs import KitchenDesign
-from kitchen_suite.entities.franka import Franka
-from kitchen_suite.entities.franka_specs import KITCHEN_FRANKA, PANDA
 from kitchen_suite.entities.generated_kitchen import GeneratedKitchen, build_generated_kitchen
 from kitchen_suite.entities.parameters import Parameter, ParameterType
 from kitchen_suite.entities.props import (
@@ -19,6 +19,7 @@ from kitchen_suite.entities.props import (
     SlideCabinet,
     Walls,
 )
+from kitchen_suite.entities.robot import Robot, RobotSpec
 from kitchen_suite.entities.scenes import (
     KitchenArena,
     MicrowaveTableArena,
@@ -37,7 +38,6 @@ __all__ = [
     "Cabinet",
     "CabinetConfig",
     "Counter",
-    "Franka",
     "GeneratedKitchen",
     "HingeCabinet",
     "Hood",
@@ -53,6 +53,8 @@ __all__ = [
     "Parameter",
     "ParameterType",
     "Prop",
+    "Robot",
+    "RobotSpec",
     "Scene",
     "SiteArena",
     "SlideCabinet",
@@ -61,4 +63,5 @@ __all__ = [
     "build_kitchen_scene",
     "build_microwave_table_scene",
     "build_open_cabinet_scene",
+    "make_robot",
 ]

@@ -17,7 +17,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite.entities import cabinet, franka
+from kitchen_suite.entities import cabinet
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType, shared_value
 
@@ -207,11 +207,12 @@ _FLOOR = Surface(
 # Surfaces that arenas share: of the robot, of the microwave, and of a room of floor and walls.
 FRANKA = Surface(
     prefix="franka/",
-    color=franka.COLOR,
+    color=(0.94, 0.935, 0.92),
     geoms=tuple(
         f"franka/{part}_visual" for part in (*(f"link{i}" for i in range(8)), "hand", "left_finger", "right_finger")
     ),
-    shades={f"franka/{part}_visual": shade for part, shade in franka.SHADES.items()},
+    # Of the class `visual_dark`. With powers of two, products are exact.
+    shades={f"franka/{part}_visual": 0.5 for part in ("link7", "hand", "left_finger", "right_finger")},
 )
 MICROWAVE = (
     Surface(prefix="microwave/", color=(0.2, 0.2, 0.2), materials=("microwave/plastic",)),

@@ -7,6 +7,7 @@ downloaded. The folder is found without importing the package, which would regis
 import importlib.util
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from dm_control import composer, mjcf
 from numpy.typing import NDArray
@@ -61,9 +62,19 @@ def asset_dir() -> Path:
 
 def load_mjcf(name: str, *, visuals: bool = True) -> mjcf.RootElement:
     """Parses `xml/<name>.xml` of this package; the visual geoms have bodies of their own, or are removed."""
-    model = mjcf.from_xml_string((_XML_DIR / f"{name}.xml").read_text(encoding="utf-8"), model_dir=str(asset_dir()))
+    model = parse_mjcf(name)
     (split_visual_geoms if visuals else remove_visuals)(model)
     return model
+
+
+def parse_mjcf(name: str) -> mjcf.RootElement:
+    """Parses `xml/<name>.xml` of this package as it stands."""
+    return mjcf.from_xml_string((_XML_DIR / f"{name}.xml").read_text(encoding="utf-8"), model_dir=str(asset_dir()))
+
+
+def parse_without_meshes(name: str) -> mujoco.MjSpec:
+    """Parses `xml/<name>.xml` of this package, whose meshes and textures need not be installed."""
+    return mujoco.MjSpec.from_file(str(_XML_DIR / f"{name}.xml"))
 
 
 def new_model(name: str) -> mjcf.RootElement:

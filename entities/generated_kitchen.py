@@ -6,13 +6,14 @@ from types import MappingProxyType
 
 import numpy as np
 
+from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.designs import Design, KitchenDesign
 from kitchen_suite.entities.fixtures import GAP, KETTLE, PANEL, Part, build_fixture
-from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.kitchen_plans import SIDES, Placed, Side
 from kitchen_suite.entities.parameters import Parameter, door_parameters
 from kitchen_suite.entities.props import Kettle, Prop
+from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import FLOOR, GeneratedKitchenArena, Scene, exclude_base_contacts
 from kitchen_suite.entities.styles import DARK, STEEL, STYLES, TILES, Style
 
@@ -71,7 +72,7 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
     made = KitchenDesign.make(design, split)
     arena = GeneratedKitchenArena(visuals=visuals)
     # The robot first, without its site in the world: all that is of it has the same indices in every kitchen.
-    robot = Franka(visuals=visuals)
+    robot = Robot(KITCHEN_FRANKA, visuals=visuals)
     arena.attach_at_site(robot)
     arena.mjcf_model.find("site", robot.mjcf_model.model).remove()
     style = STYLES[made.style]

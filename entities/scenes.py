@@ -15,13 +15,12 @@ from kitchen_suite.entities import appearance, assets
 from kitchen_suite.entities import props as kitchen_props
 from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.arms import FRANKA, make_robot
+from kitchen_suite.entities.arms.franka import PANDA
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
-from kitchen_suite.entities.franka import Franka
-from kitchen_suite.entities.franka_specs import PANDA
 from kitchen_suite.entities.joints import position_sizes
 from kitchen_suite.entities.parameters import POSITION_OFFSET, SLIDING_FRICTION_SCALE, Parameter, scale
 from kitchen_suite.entities.props import Microwave, Prop
-from kitchen_suite.entities.robot import PHYSICS_OPTIONS, Arm, ArmSpec, Robot
+from kitchen_suite.entities.robot import Robot, RobotSpec
 from kitchen_suite.names import EXACT, FAST, PHYSICS
 
 _PEDESTAL_RADIUS = 0.05  # Radius of the pedestal in generated kitchens [m].
@@ -278,10 +277,10 @@ class KitchenArena(SiteArena):
         return (*super().parameters, offset)
 
     def attach_at_site(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
-        """Attaches an entity as `SiteArena` does; other arms than the Franka where their specification says."""
-        if isinstance(entity, Arm):
+        """Attaches an entity as `SiteArena` does; a robot where its specification says."""
+        if isinstance(entity, Robot):
             where, site = entity.specification, self._mjcf_root.find("site", FRANKA)
-            site.set_attributes(name=where.name, pos=where.base_pos, quat=where.base_quat)
+            site.set_attributes(name=entity.mjcf_model.model, pos=where.base_pos, quat=where.base_quat)
             x, y, height = where.base_pos
             if height > 0.0:
                 shape = {"type": "cylinder", "size": (_PLINTH_RADIUS, height / 2), "pos": (x, y, height / 2), "mass": 0}
@@ -327,19 +326,19 @@ def robot_base() -> NDArray[np.float64]:
     return position
 
 
-def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False, robot: str | ArmSpec = FRANKA) -> Scene:
+def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False, robot: str | RobotSpec = FRANKA) -> Scene:
     """Builds the kitchen of FrankaKitchen-v1, whose props have 21 positions and 20 velocities.
 
     Args:
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
       sleep: whether objects at rest are left out of the physics until something touches them, which is faster still;
         trajectories are then nearly the same (see `SiteArena.enable_sleep`).
-      robot: `franka`, or another arm as of `arms.make_robot`, with which the options of the physics are others.
+      robot: `franka`, or another robot as in `arms.robot_spec`, which may have other options of the physics.
     """
     arena, arm = KitchenArena(visuals=visuals), make_robot(robot, visuals=visuals)
-    if isinstance(arm, Arm):
-        arena.mjcf_model.option.set_attributes(**PHYSICS_OPTIONS)
-        # Their hands are not stable with longer steps.
+    if options := arm.specification.physics_options:
+        arena.mjcf_model.option.set_attributes(**options)
+        # Hands that need them are not stable with longer steps.
         arena.fast_physics = None
     if checks.boolean(sleep, "sleep"):
         arena.enable_sleep()
@@ -381,7 +380,7 @@ def build_microwave_table_scene(*, visuals: bool = True) -> Scene:
     Args:
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
     """
-    arena, robot = MicrowaveTableArena(visuals=visuals), Franka(PANDA, visuals=visuals)
+    arena, robot = MicrowaveTableArena(visuals=visuals), Robot(PANDA, visuals=visuals)
     return Scene.furnish(arena, robot, [Microwave(visuals=visuals)])
 
 
@@ -413,5 +412,5 @@ def build_open_cabinet_scene(cabinet_config: CabinetConfig | None = None, *, vis
     """
     if not isinstance(cabinet_config, CabinetConfig | None):
         raise TypeError(f"cabinet_config must be a CabinetConfig, got {checks.shown(cabinet_config)}")
-    arena, robot = OpenCabinetArena(visuals=visuals), Franka(PANDA, visuals=visuals)
+    arena, robot = OpenCabinetArena(visuals=visuals), Robot(PANDA, visuals=visuals)
     return OpenCabinetScene.furnish(arena, robot, [Cabinet(cabinet_config, visuals=visuals)])

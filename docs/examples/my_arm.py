@@ -4,7 +4,8 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite import experts, suite
-from kitchen_suite.entities.robot import ArmSpec
+from kitchen_suite.entities import RobotSpec
+from kitchen_suite.entities.robot import prepare_mjcf
 
 # Joints a to f from the base outwards, and two fingers; usually a file, which `entities.robot.load_mjcf` reads.
 MJCF = """
@@ -21,14 +22,15 @@ MJCF = """
     </default>
   </default>
   <worldbody>
-    <body name="base"> <geom fromto="0 0 0 0 0 0.15"/>
+    <body> <geom fromto="0 0 0 0 0 0.15"/>
       <body pos="0 0 0.25"> <joint name="a" axis="0 0 1"/> <geom size="0.05" fromto="0 -0.05 0 0 0.05 0"/>
         <body> <joint name="b" axis="0 1 0"/> <geom fromto="0 0 0.1 0 0 0.4"/>
           <body pos="0 0 0.5"> <joint name="c" axis="0 1 0"/> <geom fromto="0 0 0.1 0 0 0.2"/>
             <body pos="0 0 0.25"> <joint name="d" axis="0 0 1"/> <geom fromto="0 0 0.04 0 0 0.1"/>
               <body pos="0 0 0.2"> <joint name="e" axis="0 1 0"/> <geom size="0.035" fromto="0 0 0 0 0 0.02"/>
-                <body name="hand" pos="0 0 0.12">
+                <body pos="0 0 0.12">
                   <joint name="f" axis="0 0 1"/> <geom size="0.03" fromto="0 0 -0.05 0 0 0"/>
+                  <site name="end_effector" pos="0 0 0.09"/> <!-- 0.05 m before the tips of the fingers. -->
                   <body childclass="finger" pos="0 0.008 0.05"> <joint name="left" axis="0 1 0"/> <geom/> </body>
                   <body childclass="finger" pos="0 -0.008 0.05"> <joint name="right" axis="0 -1 0"/> <geom/> </body>
                 </body>
@@ -47,16 +49,13 @@ MJCF = """
 </mujoco>
 """
 
-MY_ARM = ArmSpec(
+MY_ARM = RobotSpec(
     name="my_arm",
-    arm=lambda: mjcf.from_xml_string(MJCF),
+    load=lambda visuals: prepare_mjcf(mjcf.from_xml_string(MJCF), visuals=visuals),
     servos={name: name for name in "abcdef"},
     hand_actuators=("left", "right"),
     closed=0.0,
     open=0.04,
-    tool="hand",
-    tool_pos=(0.0, 0.0, 0.09),  # 0.05 m before the tips of the fingers
-    tool_quat=(1.0, 0.0, 0.0, 0.0),
     home={"a": 0.6, "b": -0.6, "c": 2.2, "e": -0.03, "left": 0.04, "right": 0.04},
 )
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from dm_control import composer
 
-from kitchen_suite.entities import PANDA, Franka, Microwave
+from kitchen_suite.entities import PANDA, Microwave, Robot
 
 HOME = np.array([0.0, -0.6, 0.0, -2.4, 0.0, 1.9, 0.8, 0.02, 0.02])  # joints of the arm [rad], fingers [m]
 
@@ -18,7 +18,7 @@ class Reach(composer.Task):
     """The reward is exp(-5 d), where d is the distance from the gripper to 10 cm in front of the handle [m]."""
 
     def __init__(self) -> None:
-        self._arena, self.robot, self.microwave = composer.Arena(), Franka(PANDA), Microwave()
+        self._arena, self.robot, self.microwave = composer.Arena(), Robot(PANDA), Microwave()
         self._arena.attach(self.robot)
         frame = self._arena.attach(self.microwave)
         frame.pos, frame.quat = (0.9, 0.25, 0.25), (1, 0, 0, -1)  # its door faces the robot

@@ -28,7 +28,7 @@ from result_tables import RESULT_TABLES, markdown
 
 from kitchen_suite import entities, suite
 from kitchen_suite.domains.arguments import Argument, Owner
-from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Franka
+from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Robot
 from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.fixture_designs import KINDS, FixtureDesign
 from kitchen_suite.entities.fixtures import PART_KINDS, build_fixture
@@ -505,7 +505,7 @@ def cabinet_grasp_reward_table() -> str:
 
 
 # Classes that are not built by calling them without arguments.
-_NOT_ALONE = (Franka, entities.KitchenProp, entities.Prop, entities.SiteArena)
+_NOT_ALONE = (Robot, entities.KitchenProp, entities.Prop, entities.SiteArena)
 
 
 def builders() -> dict[str, Callable[[], composer.Entity]]:
@@ -514,7 +514,7 @@ def builders() -> dict[str, Callable[[], composer.Entity]]:
     kinds = [each for each in public if isinstance(each, type) and issubclass(each, composer.Entity)]
     tasks = (suite.load(domain, suite.default_task(domain), {"visuals": False}).task for domain in suite.DOMAINS)
     kinds += [type(task.root_entity) for task in tasks]
-    robots = {"Franka(PANDA)": lambda: Franka(PANDA), "Franka(KITCHEN_FRANKA)": lambda: Franka(KITCHEN_FRANKA)}
+    robots = {"Robot(PANDA)": lambda: Robot(PANDA), "Robot(KITCHEN_FRANKA)": lambda: Robot(KITCHEN_FRANKA)}
     return robots | {f"{kind.__name__}()": kind for kind in kinds if kind not in _NOT_ALONE}
 
 

@@ -1,35 +1,35 @@
-"""Arms by name, each in a module of its own, whose models come from packages and folders of the user's."""
+"""The robots that the suite has, by name."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
 
 from kitchen_suite import checks
-from kitchen_suite.entities.franka import Franka
-from kitchen_suite.entities.robot import Arm, ArmSpec, Robot
+from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA
+from kitchen_suite.entities.arms.panda_2f85 import PANDA_2F85
+from kitchen_suite.entities.arms.ur5e import UR5E
+from kitchen_suite.entities.robot import Robot, RobotSpec
 
 FRANKA = "franka"  # Name of the robot of FrankaKitchen-v1, the default.
 
-ARMS: Mapping[str, str] = MappingProxyType(
-    {name: f"kitchen_suite.entities.arms.{name}:{name.upper()}" for name in ("panda", "ur5e", "fr3", "xarm7")}
-)
-"""Entry points of the specifications of other arms by name."""
+ROBOTS: Mapping[str, RobotSpec] = MappingProxyType({FRANKA: KITCHEN_FRANKA, "panda": PANDA_2F85, "ur5e": UR5E})
+"""Robots of the kitchen by name."""
 
 
-def make_robot(robot: str | ArmSpec, *, visuals: bool = True) -> Robot:
-    """Builds a robot: `franka`, a key of `ARMS`, or an `ArmSpec` of the user's own, itself or as `module:NAME`.
+def robot_spec(robot: str | RobotSpec) -> RobotSpec:
+    """Returns the specification of a robot: a key of `ROBOTS`, or a user's own, itself or as `module:NAME`.
 
-    Raises:
-      ValueError: there is no such robot.
-      ImportError: the package with its model is missing.
+    Raises a ValueError if there is no such robot.
     """
-    if robot == FRANKA:
-        return Franka(visuals=visuals)
-    specification: object = robot
-    if not isinstance(robot, ArmSpec):
-        is_own = isinstance(robot, str) and ":" in robot
-        specification = checks.imported(
-            robot if is_own else ARMS[checks.choice(robot, (FRANKA, *ARMS), "robot")], "robot"
-        )
-    if not isinstance(specification, ArmSpec):
-        raise ValueError(f"robot {checks.shown(robot)} must be an ArmSpec, got {checks.shown(specification)}")
-    return Arm(specification, visuals=visuals)
+    if isinstance(robot, RobotSpec):
+        return robot
+    if not (isinstance(robot, str) and ":" in robot):
+        return ROBOTS[checks.choice(robot, ROBOTS, "robot")]
+    specification = checks.imported(robot, "robot")
+    if not isinstance(specification, RobotSpec):
+        raise ValueError(f"robot {checks.shown(robot)} must be a RobotSpec, got {checks.shown(specification)}")
+    return specification
+
+
+def make_robot(robot: str | RobotSpec, *, visuals: bool = True) -> Robot:
+    """Builds a robot; see `robot_spec`. Raises an ImportError if the package with its model is missing."""
+    return Robot(robot_spec(robot), visuals=visuals)

@@ -13,7 +13,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, policies, suite
-from kitchen_suite.entities.arms import ARMS, FRANKA
+from kitchen_suite.entities.arms import FRANKA, ROBOTS
 from kitchen_suite.evaluation import criteria
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Measure, Protocol, Score, domain_protocols
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -264,4 +264,4 @@ def _check_franka(spec: EnvironmentSpec, what: str) -> None:
 
 def check_robot(task_kwargs: Mapping[str, Any]) -> None:
     """Raises a ValueError if a robot is not the suite's: to read a receipt must not import code that it names."""
-    checks.choice(task_kwargs.get("robot", FRANKA), (FRANKA, *ARMS), "robot of a receipt")
+    checks.choice(task_kwargs.get("robot", FRANKA), ROBOTS, "robot of a receipt")

@@ -8,9 +8,8 @@ from dm_control import mjcf
 from dm_env import specs
 
 from kitchen_suite import checks
-from kitchen_suite.entities import PANDA
+from kitchen_suite.entities.arms.franka import PANDA, PANDA_JOINT_LIMITS
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
 from kitchen_suite.tasks.simulation import Simulation, as_columns
@@ -18,17 +17,17 @@ from kitchen_suite.tasks.simulation import Simulation, as_columns
 GRIPPER_MODES = ("sampled", "deterministic")
 
 # Limits of the Panda's seven arm joints and of its left finger [rad, m].
-JOINT_LOW, JOINT_HIGH = PANDA.joint_limits[:, :8]
+JOINT_LOW, JOINT_HIGH = PANDA_JOINT_LIMITS[:, :8]
 
 ACTION_SIZE = JOINT_LOW.size
 
 _ARM_LOW, _ARM_HIGH = JOINT_LOW[:7], JOINT_HIGH[:7]
 
-GRIPPER_CLOSED = float(JOINT_LOW[7])  # Target of both fingers to close the gripper [m].
-GRIPPER_OPEN = float(JOINT_HIGH[7])  # Target of both fingers to open the gripper [m].
+GRIPPER_CLOSED = PANDA.closed  # Target of both fingers to close the gripper [m].
+GRIPPER_OPEN = PANDA.open  # Target of both fingers to open the gripper [m].
 
-# Joint positions from which episodes of the Panda start: the hand before the robot, and open [rad; fingers: m].
-DEFAULT_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
+# Joint positions from which episodes of the Panda start [rad; fingers: m].
+DEFAULT_POSE = np.array([*PANDA.home.values()])
 
 ARM_SIZE = 7
 
@@ -64,10 +63,10 @@ class JointOffset(ActionMode):
         self.gripper = checks.choice(gripper, GRIPPER_MODES, "gripper")
         self.draws = self.gripper == "sampled"
 
-    def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
+    def bind(self, physics: mjcf.Physics, robot: Robot, timestep: float) -> None:
         self._joint_qpos = as_columns(physics.bind(robot.joints).qposadr)
 
-    def spec(self, robot: Franka) -> specs.Array:
+    def spec(self, robot: Robot) -> specs.Array:
         """Seven joint offsets [rad] and the gripper logit (log odds of closing); unbounded, but finite."""
         # The last element moves both fingers.
         names = "\t".join(actuator.full_identifier for actuator in robot.actuators[:ACTION_SIZE])
@@ -125,10 +124,10 @@ class ArmServos:
     def __init__(self, physics: mjcf.Physics, robot: Robot) -> None:
         """Looks up the joints of a robot in a compiled scene."""
         size = robot.arm_size
-        actuators, joints = robot.joint_actuators[:size], physics.bind(robot.joints[:size])
-        self.low, self.high = np.array([actuator.range for actuator in actuators]).T.copy()
-        self._gain = np.array([actuator.gain for actuator in actuators])
-        self.lag = np.array([actuator.damping + actuator.velocity_gain for actuator in actuators]) / self._gain
+        joints = physics.bind(robot.joints[:size])
+        self.low, self.high = robot.joint_limits[:, :size].copy()
+        self._gain = robot.gains
+        self.lag = robot.damping / robot.gains
         self._ctrl_low, self._ctrl_high = np.transpose(physics.bind(robot.actuators[:size]).ctrlrange)
         self._qpos, self._qvel = as_columns(joints.qposadr), as_columns(joints.dofadr)
 
@@ -168,13 +167,13 @@ class JointPosition(ActionMode):
         "ctrl[:7] = clip(action[:7], minimum[:7], maximum[:7]); both fingers: clip(action[7], minimum[7], maximum[7])"
     )
 
-    def spec(self, robot: Franka) -> specs.BoundedArray:
+    def spec(self, robot: Robot) -> specs.BoundedArray:
         """Seven joint targets [rad] and the fingers' target [m]; values beyond the joint limits are clipped."""
-        low, high = robot.specification.joint_limits[:, : ARM_SIZE + 1]
+        low, high = robot.joint_limits[:, : ARM_SIZE + 1]
         names = [actuator.full_identifier for actuator in robot.actuators[: ARM_SIZE + 1]]
         return specs.BoundedArray(low.shape, np.float64, minimum=low, maximum=high, name="\t".join(names))
 
-    def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
+    def bind(self, physics: mjcf.Physics, robot: Robot, timestep: float) -> None:
         spec = self.spec(robot)
         self._low, self._high = spec.minimum, spec.maximum
 
@@ -220,11 +219,11 @@ class JointDelta(ActionMode):
         """
         self.joint_speed = checks.number(joint_speed, "joint_speed", positive=True, maximum=MAX_SPEED)
 
-    def spec(self, robot: Franka) -> specs.BoundedArray:
+    def spec(self, robot: Robot) -> specs.BoundedArray:
         """Seven joint velocities, as a share of `joint_speed`, and the gripper: +1 closed, -1 open; in [-1, 1]."""
         return unit_spec([*(actuator.full_identifier for actuator in robot.actuators[:ARM_SIZE]), "gripper"])
 
-    def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
+    def bind(self, physics: mjcf.Physics, robot: Robot, timestep: float) -> None:
         self._servos, self._gripper = ArmServos(physics, robot), Gripper(robot)
         self._step = self.joint_speed * timestep
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
 from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
@@ -62,7 +61,7 @@ class JointVelocity(_KitchenMode):
         self.velocity_scale = checks.number(velocity_scale, "velocity_scale")
         self.feedback = checks.choice(feedback, FEEDBACKS, "feedback")
 
-    def spec(self, robot: Franka) -> specs.BoundedArray:
+    def spec(self, robot: Robot) -> specs.BoundedArray:
         """Nine joint velocities, as a share of `velocity_scale`; values outside [-1, 1] are clipped."""
         return unit_spec([actuator.full_identifier for actuator in robot.actuators])
 
@@ -93,7 +92,7 @@ class KitchenJointPosition(_KitchenMode):
         """
         self.feedback = checks.choice(feedback, FEEDBACKS, "feedback")
 
-    def spec(self, robot: Franka) -> specs.BoundedArray:
+    def spec(self, robot: Robot) -> specs.BoundedArray:
         """Nine joint positions [rad, m]; values outside the bounds are clipped."""
         names = "\t".join(actuator.full_identifier for actuator in robot.actuators)
         return specs.BoundedArray(

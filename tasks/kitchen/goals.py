@@ -32,7 +32,7 @@ _OBJECTS = {
     "kettle": (-0.26939744, 0.350383255, 1.61944683, 1.00618764, 0.0040639512, -0.00662095997, -0.000268278933),
 }
 
-INITIAL_QPOS = np.array([*KITCHEN_FRANKA.home, *in_observed_order(_OBJECTS)])
+INITIAL_QPOS = np.array([*KITCHEN_FRANKA.home.values(), *in_observed_order(_OBJECTS)])
 
 
 def initial_qpos(robot: Robot) -> Array:

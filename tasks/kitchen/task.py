@@ -8,7 +8,8 @@ from dm_control import mjcf
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
-from kitchen_suite.entities import Franka, Scene
+from kitchen_suite.entities import Scene
+from kitchen_suite.entities.arms import FRANKA
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.names import DEFAULT_TASKS, KITCHEN_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.end_effector import EndEffectorMode
@@ -137,7 +138,7 @@ class KitchenTask(SuiteTask):
         terminates = reward not in CONTINUING if terminate_on_tasks_completed is None else terminate_on_tasks_completed
         sensors = KitchenSensors(scene, goal_set, measures_hand=reward != "sparse")
         mode = make_mode(control_mode, self.control_modes, control)
-        if not (isinstance(scene.robot, Franka) or isinstance(mode, EndEffectorMode)):
+        if not (scene.robot.specification.name == FRANKA or isinstance(mode, EndEffectorMode)):
             modes = [name for name in self.control_modes if name.startswith("ee_")]
             name = scene.robot.mjcf_model.model
             raise ValueError(f"robot {name!r} needs one of the control modes {modes}, got {control_mode!r}")

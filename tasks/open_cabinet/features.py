@@ -112,7 +112,7 @@ class OpenCabinetSensors(FeatureSensors):
         super().__init__(scene.arena.mjcf_model, scene.robot)
         joints, slide = scene.robot.joints, (scene.cabinet.drawer_joint(drawer),)
         gripper, handle = scene.robot.end_effector, scene.cabinet.handle_site(drawer)
-        left_pad, right_pad = (scene.robot.mjcf_model.find("geom", f"{side}_finger_pad") for side in ("left", "right"))
+        left_pad, right_pad = scene.robot.pads
         self.add_joints("joint_positions", "jointpos", joints)
         self.add_joints("joint_velocities", "jointvel", joints)
         self.add_frame("tcp_position", "framepos", gripper)

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.arms.franka import PAD_HALF_SIZE
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.entities.franka_specs import PAD_HALF_SIZE
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN
 from kitchen_suite.tasks.open_cabinet.features import Features, scalars

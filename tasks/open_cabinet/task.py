@@ -149,7 +149,7 @@ class OpenCabinetTask(SuiteTask):
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
-        low, high = self.robot.specification.joint_limits
+        low, high = self.robot.joint_limits
         data, pose = physics.data, np.minimum(np.maximum(DEFAULT_POSE + offsets, low), high)
         data.qpos[self._cabinet_qpos] = 0.0
         data.qpos[self._joint_qpos] = pose

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kitchen_suite.entities import franka
-from kitchen_suite.entities.appearance import camera_prefix
+from kitchen_suite.entities.appearance import FRANKA, camera_prefix
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 
@@ -94,7 +93,7 @@ KETTLE = Palette(
     held_out=((0.70, 0.18, 0.16), (0.85, 0.68, 0.26), (0.25, 0.42, 0.36), (0.24, 0.24, 0.25)),
 )
 ROBOT = Palette(
-    seen=(franka.COLOR, (0.92, 0.92, 0.93), (0.98, 0.95, 0.90)),
+    seen=(FRANKA.color, (0.92, 0.92, 0.93), (0.98, 0.95, 0.90)),
     held_out=((0.40, 0.41, 0.44), (0.86, 0.74, 0.56), (0.62, 0.70, 0.80)),
 )
 GREY = Palette(

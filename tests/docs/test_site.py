@@ -99,7 +99,7 @@ def test_the_reference_has_what_the_page_on_extending_imports():
 @pytest.mark.clients
 def test_entities_have_constructors_and_long_signatures_are_wrapped(site):
     entities = (site / "reference" / "kitchen_suite.entities.html").read_text(encoding="utf-8")
-    for name in ("Cabinet", "Franka", "Kettle"):
+    for name in ("Cabinet", "Robot", "Kettle"):
         section = entities.partition(f'id="kitchen_suite.entities.{name}"')[2].partition("</h2>")[2]
         assert "visuals" in section.partition("</pre>")[0], name
     signature = (site / "reference" / "kitchen_suite.gymnasium_env.html").read_text(encoding="utf-8")

@@ -54,7 +54,7 @@ def test_the_gripper_frame_at_the_default_pose(scene, physics):
     half, root = 0.5, np.sqrt(0.75)
     # 30 degrees down: z approaches, y points to the left finger.
     np.testing.assert_allclose(axes.T, [[0, -1, 0], [-half, 0, root], [-root, 0, -half]], atol=1e-12)
-    pads = [scene.robot.finger_geoms(side)[0] for side in ("left", "right")]
+    pads = scene.robot.pads
     assert [pad.name for pad in pads] == ["left_finger_pad", "right_finger_pad"]
     left, right = (physics.bind(pad) for pad in pads)
     middle = np.array(physics.bind(scene.robot.end_effector).xpos)

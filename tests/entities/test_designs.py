@@ -13,6 +13,7 @@ from dm_control import mjcf
 from helpers.errors import ODD_VALUES, assert_is_short, refused
 
 from kitchen_suite.entities import KitchenDesign, build_generated_kitchen, designs
+from kitchen_suite.entities.arms import make_robot
 from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.entities.fixture_designs import (
     CLEARANCE,
@@ -30,7 +31,6 @@ from kitchen_suite.entities.fixture_designs import (
     WallSlidingDesign,
 )
 from kitchen_suite.entities.fixtures import PANEL, Fixture, build_fixture
-from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.styles import STYLES
 from kitchen_suite.names import FAST
 from kitchen_suite.policies.experts.kitchen_skills import TIP
@@ -93,10 +93,10 @@ def test_drawn_designs_are_possible_when_they_are_read_from_json(drawn, count):
 
 
 def test_the_arm_is_as_long_as_its_links():
-    root = Franka(visuals=False).mjcf_model
-    link = {number: root.find("body", f"link{number}").pos for number in range(1, 8)}
+    model = mjcf.Physics.from_mjcf_model(make_robot("franka", visuals=False).mjcf_model).named.model
+    link = {number: model.body_pos[f"link{number}"] for number in range(1, 8)}
     upper, forearm = (np.linalg.norm(each) for each in (link[3] + link[4], link[5]))
-    hand = np.hypot(np.linalg.norm(link[7]), np.linalg.norm(root.find("site", "end_effector").pos))
+    hand = np.hypot(np.linalg.norm(link[7]), np.linalg.norm(model.site_pos["end_effector"]))
     assert np.linalg.norm(link[1] + link[2]) == pytest.approx(designs.SHOULDER)
     assert upper + forearm + hand + TIP == pytest.approx(designs.REACH, abs=0.005)
 

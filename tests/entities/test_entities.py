@@ -1,12 +1,15 @@
 """The entities: joints, actuators, geoms and observables by name, and physics without visuals."""
 
 import hashlib
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from dm_control import composer, mjcf
 
 from kitchen_suite import entities
+from kitchen_suite.entities.arms import franka
 from kitchen_suite.entities.assets import asset_dir
 
 PROPS = (entities.Oven, entities.Hood, entities.SlideCabinet, entities.HingeCabinet, entities.Microwave)
@@ -37,7 +40,7 @@ def test_props_without_joints_have_no_observables(fixed):
 
 
 def test_the_robot_names_its_parts():
-    robot = entities.Franka(visuals=False)
+    robot = entities.make_robot("franka", visuals=False)
     physics = mjcf.Physics.from_mjcf_model(robot.mjcf_model)
     assert [joint.name for joint in robot.joints] == [
         *(f"panda0_joint{i}" for i in range(1, 8)),
@@ -45,14 +48,14 @@ def test_the_robot_names_its_parts():
         "panda0_finger_joint2",
     ]
     assert [actuator.joint for actuator in robot.actuators] == list(robot.joints)
-    assert len(robot.finger_geoms("left")) == len(robot.finger_geoms("right")) == 13
+    assert [pad.parent.name for pad in robot.pads] == ["left_finger", "right_finger"]
     np.testing.assert_array_equal(
         robot.observables.end_effector_position(physics), physics.bind(robot.end_effector).xpos
     )
 
 
 def test_the_end_effector_looks_along_the_fingers_and_spreads_along_y():
-    robot = entities.Franka(visuals=False)
+    robot = entities.make_robot("franka", visuals=False)
     physics = mjcf.Physics.from_mjcf_model(robot.mjcf_model)
     frame = physics.bind(robot.end_effector).xmat.reshape(3, 3)
     left, right = (physics.bind(robot.mjcf_model.find("joint", f"panda0_finger_joint{i}")).xaxis for i in (1, 2))
@@ -63,9 +66,23 @@ def test_the_end_effector_looks_along_the_fingers_and_spreads_along_y():
     assert (finger - hand) @ frame[:, 2] > 0.05
 
 
+def test_the_pandas_limits_and_pads_are_known_without_its_meshes():
+    robot = entities.Robot(entities.PANDA, visuals=False)
+    physics = mjcf.Physics.from_mjcf_model(robot.mjcf_model)
+    np.testing.assert_array_equal(robot.joint_limits, franka.PANDA_JOINT_LIMITS)
+    np.testing.assert_array_equal(physics.bind(robot.pads).size, [franka.PAD_HALF_SIZE] * 2)
+    code = (
+        "import importlib.util\n"
+        "importlib.util.find_spec = lambda name, package=None: None\n"
+        "from kitchen_suite.entities.arms import franka\n"
+        "print(franka.PANDA_JOINT_LIMITS.shape)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout == b"(2, 9)\n"
+
+
 def test_a_finger_closes_in_less_than_two_seconds():
     """Damping 100 and armature 5 make the kitchen's fingers slow: 40 mm take about a second."""
-    robot = entities.Franka(visuals=False)
+    robot = entities.make_robot("franka", visuals=False)
     physics = mjcf.Physics.from_mjcf_model(robot.mjcf_model)
     fingers = physics.bind(robot.joints[7:])
     fingers.qpos = 0.04

@@ -55,7 +55,7 @@ def test_robot_and_furniture_do_not_touch_and_stay_at_rest(scene, physics, holds
 
 
 def test_noisy_starts_are_without_contacts(scene, physics):
-    low, high = np.transpose([actuator.range for actuator in scene.robot.joint_actuators])
+    low, high = scene.robot.joint_limits
     rng = np.random.default_rng(0)
     for _ in range(200):
         physics.bind(scene.robot.joints).qpos = np.clip(DEFAULT_POSE + rng.uniform(-0.125, 0.125, 9), low, high)

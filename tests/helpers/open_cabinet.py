@@ -57,7 +57,7 @@ def _script(env, positions, gripper):
         mink.SO3.from_matrix(np.array(handle.xmat).reshape(3, 3)), np.array(handle.xpos)
     )
     joints = env.physics.bind(env.task.scene.robot.joints[:7])
-    gains = [link.actuator.gain for link in PANDA.links]
+    gains = env.task.scene.robot.gains
     kinematics = ArmKinematics(OpenCabinetArena, PANDA)
     limits = JointSpeedLimits(joint_speed=np.full(7, 0.01), timestep=CONTROL_TIMESTEP)
     skill = Skill(
@@ -78,8 +78,7 @@ def pads_on_bar(env):
     task, physics = env.task, env.physics
     bar = physics.bind(task.scene.cabinet.handle_geoms(task.drawer)[0]).element_id
     touching = {frozenset(pair) for pair in physics.data.contact.geom}
-    pads = [task.scene.robot.finger_geoms(side)[0] for side in ("left", "right")]
-    return all(frozenset((bar, physics.bind(pad).element_id)) in touching for pad in pads)
+    return all(frozenset((bar, physics.bind(pad).element_id)) in touching for pad in task.scene.robot.pads)
 
 
 def pulling_episode(env, build):

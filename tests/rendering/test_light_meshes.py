@@ -145,7 +145,7 @@ def test_several_processes_may_make_the_same_mesh_at_once(cache):
 
 
 def test_a_mesh_that_also_collides_stays_as_it_is():
-    arena, robot = composer.Arena(), entities.Franka()
+    arena, robot = composer.Arena(), entities.make_robot("franka")
     arena.attach(robot)
     mesh = robot.mjcf_model.find("mesh", "hand_visual")
     robot.mjcf_model.find("body", "link7").add("geom", dclass="link", mesh=mesh, mass=0)

@@ -1,5 +1,6 @@
 """Pictures of the kitchen from every camera, and the entities each viewable alone."""
 
+import functools
 import itertools
 
 import gymnasium
@@ -182,7 +183,8 @@ def test_the_wrist_camera_sees_the_fingers_and_what_is_before_them(physics):
 @pytest.mark.parametrize(
     "entity",
     [
-        entities.Franka,
+        functools.partial(entities.Robot, entities.KITCHEN_FRANKA),
+        functools.partial(entities.Robot, entities.PANDA),
         entities.Counter,
         entities.Oven,
         entities.Hood,

@@ -8,9 +8,7 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite.entities.assets import Array
-from kitchen_suite.entities.franka import Franka
-from kitchen_suite.entities.franka_specs import FrankaSpec
-from kitchen_suite.entities.robot import Arm, ArmSpec, Robot
+from kitchen_suite.entities.robot import Robot, RobotSpec
 from kitchen_suite.entities.scenes import SiteArena
 
 ARM = slice(0, 7)  # The Franka's arm's joints among the robot's; the fingers' joints follow.
@@ -34,10 +32,10 @@ class ArmKinematics:
       base: pose of the base.
     """
 
-    def __init__(self, build_arena: Callable[..., SiteArena], spec: FrankaSpec | ArmSpec) -> None:
+    def __init__(self, build_arena: Callable[..., SiteArena], spec: RobotSpec) -> None:
         """Builds the kinematics of a robot at its site in an arena of a class."""
         arena = build_arena(visuals=False)
-        robot: Robot = Arm(spec, visuals=False) if isinstance(spec, ArmSpec) else Franka(spec, visuals=False)
+        robot = Robot(spec, visuals=False)
         arena.attach_at_site(robot)
         self._model = mjcf.Physics.from_mjcf_model(arena.mjcf_model).model.ptr
         self.arm, self._site = slice(0, robot.arm_size), robot.end_effector.full_identifier

@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import KitchenArena, Scene, build_kitchen_scene
-from kitchen_suite.entities.arms import FRANKA
+from kitchen_suite.entities.arms import FRANKA, robot_spec
+from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import addresses
-from kitchen_suite.entities.robot import Arm, ArmSpec
+from kitchen_suite.entities.robot import RobotSpec
 from kitchen_suite.policies.experts import kitchen_skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
@@ -85,7 +86,7 @@ class KitchenExpert(Expert):
         control_mode: str = "joint_velocity",
         extra_observables: Sequence[str] = (),
         observes_requests: bool = False,
-        robot: str | ArmSpec = FRANKA,
+        robot: str | RobotSpec = FRANKA,
         **control_options: Any,
     ) -> None:
         """Builds an expert for a set of tasks.
@@ -110,7 +111,7 @@ class KitchenExpert(Expert):
           **control_options: arguments of the control mode: the environment's.
         """
         self._goals = self._build_goals(tasks, goals)
-        self._robot = robot
+        robot = self._robot = robot_spec(robot)
         parts = self._parts = Parts.of(len(scene(robot).robot.joints))
         self._success = make_success(
             self._goals, scene(robot), default=THRESHOLD, success=success, threshold=threshold, positive=True
@@ -142,7 +143,7 @@ class KitchenExpert(Expert):
             "extra_observables": tuple(task.extras.by_name) if task.extras else (),
             "observes_requests": task.mdp.task_draw is not None,
             "in_order": task.mdp.tasks_in_order,
-            "robot": task.robot.specification if isinstance(task.robot, Arm) else FRANKA,
+            "robot": task.robot.specification,
         }
 
     def without_goals(self, flat: NDArray) -> NDArray:
@@ -265,23 +266,23 @@ class KitchenExpert(Expert):
 
 @functools.lru_cache(maxsize=1024)
 def _cached_plan(
-    skill: Skill, object_position: tuple[float, ...] | None, limits: JointSpeedLimits, robot: str | ArmSpec
+    skill: Skill, object_position: tuple[float, ...] | None, limits: JointSpeedLimits, robot: RobotSpec
 ) -> JointTrajectory:
     """Trajectory of a skill without jitter; cached, as it is the same in nearly all episodes."""
     position = None if object_position is None else np.array(object_position)
     return plan(arm_model(robot).kinematics, limits, skill, object_position=position)
 
 
-def _seeded(skill: Skill, robot: str | ArmSpec, position: Array | None) -> Skill:
+def _seeded(skill: Skill, robot: RobotSpec, position: Array | None) -> Skill:
     """Returns a skill whose `ik_seed` is of a robot, for a position of its object; that of skills is the Franka's."""
-    if robot == FRANKA:
+    if robot.name == FRANKA:
         return skill
     rounded = None if position is None else tuple(position.round(1).tolist())
     return dataclasses.replace(skill, ik_seed=_posture(skill, robot, rounded))
 
 
 @functools.cache
-def _posture(skill: Skill, robot: str | ArmSpec, object_position: tuple[float, ...] | None) -> tuple[float, ...]:
+def _posture(skill: Skill, robot: RobotSpec, object_position: tuple[float, ...] | None) -> tuple[float, ...]:
     """Searches joint positions of another arm for the first motion of a skill, from which all others follow [rad].
 
     Of those with which the hand reaches all poses, it is the one with the fewest contacts of the arm on the way, and
@@ -319,7 +320,7 @@ def _posture(skill: Skill, robot: str | ArmSpec, object_position: tuple[float, .
     return tuple(best.tolist())
 
 
-def _contacts(path: Array, robot: str | ArmSpec) -> int:
+def _contacts(path: Array, robot: RobotSpec) -> int:
     """Returns at how many of joint positions `(n, k)` a link of the arm touches anything in the kitchen."""
     physics, links = _kitchen(robot)
     model, data, count = physics.model.ptr, physics.data.ptr, 0
@@ -333,7 +334,7 @@ def _contacts(path: Array, robot: str | ArmSpec) -> int:
 
 
 @functools.cache
-def _kitchen(robot: str | ArmSpec) -> tuple[mjcf.Physics, NDArray[np.int64]]:
+def _kitchen(robot: RobotSpec) -> tuple[mjcf.Physics, NDArray[np.int64]]:
     """The kitchen at the start of an episode, and the bodies of the arm's links but the last."""
     built = scene(robot)
     physics = mjcf.Physics.from_mjcf_model(built.arena.mjcf_model)
@@ -353,7 +354,7 @@ class ObservedLayout:
       size: number of all extra observables' elements; 0 if none of them is a pose of the layout.
     """
 
-    def __init__(self, extras: Sequence[str], robot: str | ArmSpec = FRANKA) -> None:
+    def __init__(self, extras: Sequence[str], robot: RobotSpec = KITCHEN_FRANKA) -> None:
         """Looks up the poses; `extras` are the names of the task's extra observables."""
         self._robot = robot
         self.base = f"{scene(robot).robot.mjcf_model.model}/base_pose"
@@ -385,7 +386,7 @@ def needed_observables(tasks: Collection[str], varied: Collection[str], base: st
 
 
 @functools.cache
-def _default_poses(robot: str | ArmSpec) -> Mapping[str, mink.SE3]:
+def _default_poses(robot: RobotSpec) -> Mapping[str, mink.SE3]:
     """Poses in the world of the default layout by name."""
     built = scene(robot)
     physics = mjcf.Physics.from_mjcf_model(built.arena.mjcf_model)
@@ -401,31 +402,28 @@ def _pose(values: Array) -> mink.SE3:
 
 
 @functools.cache
-def arm_model(robot: str | ArmSpec = FRANKA) -> ArmModel:
+def arm_model(robot: RobotSpec = KITCHEN_FRANKA) -> ArmModel:
     """The arm in the kitchen, shared by all instances."""
     built = scene(robot).robot
-    size = built.arm_size
-    rows = [(each.gain, each.damping + each.velocity_gain) for each in built.joint_actuators[:size]]
-    gains, damping = np.array(rows).T
     return ArmModel(
         kinematics=ArmKinematics(KitchenArena, built.specification),
-        gains=gains,
+        gains=built.gains,
         # In a control step, of the position error: gain and damping of a joint make a first-order lag.
-        joint_response=1.0 - np.exp(-CONTROL_TIMESTEP * gains / damping),
+        joint_response=1.0 - np.exp(-CONTROL_TIMESTEP * built.gains / built.damping),
         hand_response=0.55,
         # That the actuators can follow. The shoulder's limit is 0.06: its torque limit less the torque of gravity.
-        joint_speed=(0.06,) * 4 + (0.08,) * (size - 4),
+        joint_speed=(0.06,) * 4 + (0.08,) * (built.arm_size - 4),
         timestep=CONTROL_TIMESTEP,
     )
 
 
 @functools.cache
-def scene(robot: str | ArmSpec = FRANKA) -> Scene:
+def scene(robot: RobotSpec = KITCHEN_FRANKA) -> Scene:
     """The kitchen without visuals, shared by all instances."""
     return build_kitchen_scene(visuals=False, robot=robot)
 
 
-def _home(robot: str | ArmSpec) -> Array:
+def _home(robot: RobotSpec) -> Array:
     """Positions of the arm's joints at the start of an episode [rad]."""
     built = scene(robot).robot
     return np.array(built.home[: built.arm_size])

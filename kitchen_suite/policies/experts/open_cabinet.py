@@ -10,7 +10,7 @@ import mink
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.entities import PANDA, OpenCabinetArena, SiteArena
+from kitchen_suite.entities import PANDA, OpenCabinetArena, Robot, SiteArena
 from kitchen_suite.entities.assets import Array, Vector
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
@@ -150,7 +150,7 @@ def panda_model(build_arena: Callable[..., SiteArena]) -> ArmModel:
     """The Panda in an arena, with control steps of 0.01 s; shared by all instances."""
     return ArmModel(
         kinematics=ArmKinematics(build_arena, PANDA),
-        gains=np.array([link.actuator.gain for link in PANDA.links]),
+        gains=Robot(PANDA, visuals=False).gains,
         joint_response=1.0,
         hand_response=1.0,
         # 1.2 rad/s; the cabinet's task ends an episode at 5.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import Franka
+from kitchen_suite.entities.arms import FRANKA
 from kitchen_suite.entities.assets import Array
 from kitchen_suite.policies.experts.base import Expert, expert_class
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN
@@ -44,7 +44,7 @@ class Teleoperation(Expert):
     @classmethod
     def for_task(cls, task: Any, **options: Any) -> "Teleoperation":
         """Returns the teleoperation of a task; layouts may vary, whatever is observed."""
-        if not isinstance(task.robot, Franka):
+        if task.robot.specification.name != FRANKA:
             raise ValueError(f"a person can move the Franka alone, not robot {task.robot.mjcf_model.model!r}")
         return cls(expert_class(task).unchecked(task, **options))
 

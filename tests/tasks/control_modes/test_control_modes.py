@@ -14,8 +14,7 @@ from helpers.errors import refused
 from helpers.sweeps import CASES, brief, walk
 
 from kitchen_suite import suite
-from kitchen_suite.entities import PANDA
-from kitchen_suite.entities.franka_specs import KITCHEN_FRANKA
+from kitchen_suite.entities import KITCHEN_FRANKA, PANDA
 from kitchen_suite.tasks import rotations as poses
 from kitchen_suite.tasks import task as base
 from kitchen_suite.tasks.control_modes import inverse_kinematics
@@ -104,12 +103,12 @@ GRIPPING = ("joint_delta", "ee_delta_position", "ee_delta_pose", "ee_pose")
 )
 def test_the_gripper_opens_and_closes_linearly(domain, mode):
     environment = load(domain, mode)
-    action, closed, opened = tracking.holding_action(environment, mode), *ROBOTS[domain].joint_actuators[7].range
+    action, spec = tracking.holding_action(environment, mode), ROBOTS[domain]
     fingers = environment.physics.bind(environment.task.robot.actuators[7:])
     for number, share in ((1.0, 0.0), (-1.0, 1.0), (0.5, 0.25), (7.0, 0.0)):
         action[-1] = number
         environment.step(action)
-        np.testing.assert_allclose(fingers.ctrl, closed + share * (opened - closed), atol=1e-12)
+        np.testing.assert_allclose(fingers.ctrl, spec.closed + share * (spec.open - spec.closed), atol=1e-12)
 
 
 def test_nothing_winds_up_against_an_obstacle():
@@ -133,7 +132,7 @@ def arm_of(environment):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_joint_commands_stay_near_their_joints(sign):
     environment = load("open_cabinet", "joint_delta", joint_speed=10.0)
-    low, high = np.transpose([actuator.range for actuator in PANDA.joint_actuators[:7]])
+    low, high = environment.task.robot.joint_limits[:, :7]
     farthest = 0.0
     for _ in range(30):
         joints = np.array(arm_of(environment).qpos)

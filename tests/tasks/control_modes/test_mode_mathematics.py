@@ -12,7 +12,7 @@ from dm_env import specs
 from helpers.errors import refused
 from scipy.spatial.transform import Rotation
 
-from kitchen_suite.entities import PANDA, Franka
+from kitchen_suite.entities import PANDA, Robot
 from kitchen_suite.tasks.control_modes import end_effector, joints
 from kitchen_suite.tasks.control_modes.mode import MEDIAN
 from kitchen_suite.tasks.kitchen import action as kitchen
@@ -50,31 +50,26 @@ class Fields:
 
 
 def specification():
-    """Returns parameters of a robot whose servos differ from joint to joint."""
-    links = [
-        dataclasses.replace(
-            link,
-            actuator=dataclasses.replace(
-                link.actuator,
-                gain=GAIN[i],
-                damping=DAMPING[i],
-                velocity_gain=VELOCITY_GAIN[i],
-                control_range=(CTRL_LOW[i], CTRL_HIGH[i]),
-            ),
-        )
-        for i, link in enumerate(PANDA.links)
-    ]
-    fingers = [
-        dataclasses.replace(finger, actuator=dataclasses.replace(finger.actuator, range=(CLOSED, OPEN)))
-        for finger in PANDA.fingers
-    ]
-    return dataclasses.replace(PANDA, links=tuple(links), fingers=tuple(fingers))
+    """Returns a robot whose servos differ from joint to joint."""
+
+    def load(*, visuals):
+        model = PANDA.load(visuals=visuals)
+        for i, (joint, servo) in enumerate(PANDA.servos.items()):
+            model.find("joint", joint).damping = DAMPING[i]
+            model.find("actuator", servo).set_attributes(
+                kp=GAIN[i], kv=VELOCITY_GAIN[i], ctrlrange=(CTRL_LOW[i], CTRL_HIGH[i])
+            )
+        for finger in PANDA.fingers:
+            model.find("joint", finger).range = (CLOSED, OPEN)
+        return model
+
+    return dataclasses.replace(PANDA, load=load, closed=CLOSED, open=OPEN)
 
 
 @pytest.fixture(scope="module")
 def scene():
     """A robot on a base that is moved and turned; a free body and a hinge come first in all of MuJoCo's arrays."""
-    root, robot = mjcf.RootElement(model="scene"), Franka(specification(), visuals=False)
+    root, robot = mjcf.RootElement(model="scene"), Robot(specification(), visuals=False)
     free, swinging = (root.worldbody.add("body", pos=(x, 0.0, 0.0)) for x in (3.0, -3.0))
     for body in (free, swinging):
         body.add("inertial", pos=(0.0, 0.0, 0.0), mass=1.0, diaginertia=(1.0, 1.0, 1.0))

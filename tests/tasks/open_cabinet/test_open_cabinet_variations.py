@@ -28,10 +28,7 @@ def load(task="top_drawer", **options):
 def scene_state(env):
     env.reset()
     cabinet, robot = env.task.scene.cabinet, env.task.scene.robot
-    slide, pads = (
-        env.physics.bind(cabinet.drawer_joint("top")),
-        env.physics.bind([robot.finger_geoms(side)[0] for side in ("left", "right")]),
-    )
+    slide, pads = env.physics.bind(cabinet.drawer_joint("top")), env.physics.bind(robot.pads)
     handle = env.physics.bind(cabinet.handle_site("top"))
     return np.concatenate([handle.xpos, handle.xmat[:3], slide.frictionloss, slide.damping, pads.friction[:, 0]])
 
