@@ -1,16 +1,13 @@
 """What recordings, evaluations and rollouts read of a task's episodes: metrics, completions, replayed starts."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from dm_control import mjcf
+from dm_control import composer, mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Array
-
-if TYPE_CHECKING:
-    from kitchen_suite.tasks.task import SuiteTask
 
 # Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
 Metrics = dict[str, bool | float | dict[str, int]]
@@ -43,9 +40,12 @@ class Records:
     classes of their own.
     """
 
-    def __init__(self, task: "SuiteTask") -> None:
+    # The modules of tasks import those of their records.
+    _task: Any
+
+    def __init__(self, task: composer.Task) -> None:
         """Stores the task."""
-        self._task: Any = task
+        self._task = task
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns the metrics of an episode, `success` among them.
@@ -101,7 +101,7 @@ class Records:
 class OpeningRecords(Records):
     """Reads the records of a task that opens a drawer or a door."""
 
-    def __init__(self, task: "SuiteTask", opened: str) -> None:
+    def __init__(self, task: composer.Task, opened: str) -> None:
         """Stores the task, and what it opens.
 
         Args:

@@ -27,7 +27,7 @@ PRINTED = {
     "scripted_policy": r"success rate +100% \(2 of 2\)",
 }
 # Examples that register a domain.
-OWN_TASKS = ("my_task", "my_kitchen_task", "mug", "my_lever", "my_control_mode")
+OWN_TASKS = ("my_task", "my_kitchen_task", "mug", "my_lever", "my_control_mode", "my_domain")
 # Serves until it is ended; tests/policies/test_remote.py runs it.
 SERVER = "policy_server"
 MARKS = {

@@ -266,7 +266,8 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
     def _present(self, pictures: Mapping[str, NDArray]) -> Present:
         """Returns the present step of all environments, with some pictures, in fresh arrays."""
         episodes = self._episodes
-        return Present(episodes.observation(), episodes.simulation, episodes.state.mdp_state, pictures)
+        flat = episodes.observation().astype(self._template_env.observation_dtype, copy=False)
+        return Present(flat, episodes.simulation, episodes.state.mdp_state, pictures)
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the infos of all environments but those on the variation, in fresh arrays with a leading axis."""

@@ -1,7 +1,7 @@
 """What recordings and evaluations read of the kitchen's episodes."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from dm_control import mjcf
@@ -12,14 +12,9 @@ from kitchen_suite.tasks.kitchen.observation import ROUNDING
 from kitchen_suite.tasks.orders import REQUESTED
 from kitchen_suite.tasks.records import Completions, Metrics, Records
 
-if TYPE_CHECKING:
-    from kitchen_suite.tasks.kitchen.task import KitchenTask
-
 
 class KitchenRecords(Records):
     """Reads the records of a kitchen task's episodes, which can also be replayed from their observations."""
-
-    _task: "KitchenTask"
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether all requested tasks were completed, and the control step of each completion."""

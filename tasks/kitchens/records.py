@@ -1,7 +1,7 @@
 """What recordings and evaluations read of episodes in generated kitchens."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +10,9 @@ from kitchen_suite.tasks.kitchens.requests import verb_of
 from kitchen_suite.tasks.orders import REQUESTED
 from kitchen_suite.tasks.records import Completions, Metrics, Records
 
-if TYPE_CHECKING:
-    from kitchen_suite.tasks.kitchens.task import KitchensTask
-
 
 class PartRecords(Records):
     """Reads the records of episodes that ask for parts of a generated kitchen."""
-
-    _task: "KitchensTask"
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether everything requested was completed, and the control step of each completion."""

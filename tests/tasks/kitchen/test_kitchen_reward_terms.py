@@ -5,8 +5,8 @@ import types
 import numpy as np
 import pytest
 
+from kitchen_suite.tasks import shaping as reward
 from kitchen_suite.tasks.goals import Goal, GoalSet, ThresholdSuccess
-from kitchen_suite.tasks.kitchen import reward
 from kitchen_suite.tasks.kitchen.reward import Shaping, task_shares
 from kitchen_suite.tasks.shaping import Shares, covered
 
