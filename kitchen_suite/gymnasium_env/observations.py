@@ -169,11 +169,12 @@ class Observations:
 
     def _goal_part(self, term: Observation) -> Part:
         goals = self._mdp.goals
-        by_task = {task: _box(term, goal.shape) for task, goal in goals.split(goals.desired).items()}
-        space = _box(term, goals.desired.shape) if self._flat_goals else spaces.Dict([*by_task.items()])
         if self._flat_goals:
-            return Part(space, lambda present: _read(term, present))
-        return Part(space, lambda present: goals.split(_read(term, present)))
+            return Part(_box(term, goals.desired.shape), lambda present: _read(term, present))
+        by_task: dict[str, spaces.Space] = {
+            task: _box(term, goal.shape) for task, goal in goals.split(goals.desired).items()
+        }
+        return Part(spaces.Dict(by_task), lambda present: goals.split(_read(term, present)))
 
     def _request_parts(self) -> dict[str, Part]:
         """Returns what is observed of requests, which every observation type has after its own parts."""
