@@ -52,18 +52,18 @@ KITCHEN_ENVIRONMENT = EnvironmentClasses(
 )
 
 OPEN_CABINET_ENVIRONMENT = EnvironmentClasses(
-    single="kitchen_suite.gymnasium_env.cabinets:FrankaOpenCabinetEnv",
-    vector="kitchen_suite.vector_env.cabinets:FrankaOpenCabinetVectorEnv",
+    single="kitchen_suite.gymnasium_env.open_cabinet:FrankaOpenCabinetEnv",
+    vector="kitchen_suite.vector_env.open_cabinet:FrankaOpenCabinetVectorEnv",
 )
 
 MICROWAVE_TABLE_ENVIRONMENT = EnvironmentClasses(
-    single="kitchen_suite.gymnasium_env.cabinets:FrankaMicrowaveTableEnv",
-    vector="kitchen_suite.vector_env.cabinets:FrankaMicrowaveTableVectorEnv",
+    single="kitchen_suite.gymnasium_env.microwave_table:FrankaMicrowaveTableEnv",
+    vector="kitchen_suite.vector_env.microwave_table:FrankaMicrowaveTableVectorEnv",
 )
 
-KITCHENS_ENVIRONMENT = EnvironmentClasses(
-    single="kitchen_suite.gymnasium_env.cabinets:KitchensEnv",
-    vector="kitchen_suite.vector_env.cabinets:KitchensVectorEnv",
+GENERATED_KITCHEN_ENVIRONMENT = EnvironmentClasses(
+    single="kitchen_suite.gymnasium_env.generated_kitchens:GeneratedKitchenEnv",
+    vector="kitchen_suite.vector_env.generated_kitchens:GeneratedKitchenVectorEnv",
 )
 
 # Packages that an extra installs, by the name of the extra, of which an error says that they are missing.

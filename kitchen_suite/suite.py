@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, lazy
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.domains.cabinets import MICROWAVE_TABLE, OPEN_CABINET
-from kitchen_suite.domains.kitchen import KITCHEN, KITCHENS
+from kitchen_suite.domains.generated_kitchens import KITCHENS
+from kitchen_suite.domains.kitchen import KITCHEN
+from kitchen_suite.domains.microwave_table import MICROWAVE_TABLE
+from kitchen_suite.domains.open_cabinet import OPEN_CABINET
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
@@ -51,7 +53,7 @@ Without `tasks_to_complete` it asks for the seven tasks of FrankaKitchen-v1, as 
 """
 
 kitchens = KITCHENS.load
-"""Builds a generated kitchen; arguments as of `Domain.load`, `build_generated_kitchen` and `KitchensTask`."""
+"""Builds a generated kitchen; arguments as of `Domain.load`, `build_generated_kitchen` and `GeneratedKitchenTask`."""
 
 open_cabinet = OPEN_CABINET.load
 """Builds a cabinet; arguments as of `Domain.load`, `build_open_cabinet_scene` and `OpenCabinetTask`."""

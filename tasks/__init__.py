@@ -4,10 +4,10 @@ import kitchen_suite.rendering.without_gl  # noqa: F401
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
+from kitchen_suite.tasks.generated_kitchens.task import GeneratedKitchenTask
 from kitchen_suite.tasks.goals import Goal
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
-from kitchen_suite.tasks.kitchens.task import KitchensTask
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
@@ -24,9 +24,9 @@ __all__ = [
     "OFFSET_MODES",
     "ActionMode",
     "FeatureSensors",
+    "GeneratedKitchenTask",
     "Goal",
     "KitchenTask",
-    "KitchensTask",
     "MicrowaveTableTask",
     "Observation",
     "OpenCabinetTask",

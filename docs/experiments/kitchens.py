@@ -27,16 +27,16 @@ from scipy.spatial import cKDTree
 from tqdm import tqdm, trange
 
 from kitchen_suite import policies, suite
-from kitchen_suite.domains.kitchen import KITCHENS
+from kitchen_suite.domains.generated_kitchens import KITCHENS
 from kitchen_suite.entities import KitchenDesign, build_generated_kitchen
 from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.evaluation.certify_job import certify
 from kitchen_suite.evaluation.results import wilson
+from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of
+from kitchen_suite.tasks.generated_kitchens.mdp import Slots
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
-from kitchen_suite.tasks.kitchens.certificates import certificate_of
-from kitchen_suite.tasks.kitchens.mdp import Slots
 from kitchen_suite.vector_env.base import processors
-from kitchen_suite.vector_env.cabinets import KitchensVectorEnv
+from kitchen_suite.vector_env.generated_kitchens import GeneratedKitchenVectorEnv
 
 RESULTS = Path(__file__).parent / "results"
 FIRST_SEED = 60_000
@@ -55,7 +55,9 @@ MODE_KITCHENS, MODE_TASKS = range(5, 25), 3
 KITCHENS_PLAYED, FRESH_SEED = 200, 1
 
 
-def milliseconds(environments: KitchensVectorEnv, seed: int, actions: NDArray[np.float64]) -> tuple[float, float]:
+def milliseconds(
+    environments: GeneratedKitchenVectorEnv, seed: int, actions: NDArray[np.float64]
+) -> tuple[float, float]:
     """Returns the time of a control step of all environments from a reset: of the clock, and of the processors [ms]."""
     environments.reset(seed=seed)
     started, used = time.perf_counter(), time.process_time()
@@ -71,7 +73,7 @@ def speed_row(threads: int) -> dict[str, Any]:
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (STEPS, NUM_ENVS, 9))
     with contextlib.ExitStack() as stack:
         several, *equal = (
-            stack.enter_context(contextlib.closing(KitchensVectorEnv(NUM_ENVS, design=design, **settings)))
+            stack.enter_context(contextlib.closing(GeneratedKitchenVectorEnv(NUM_ENVS, design=design, **settings)))
             for design in (range(DESIGNS), *range(DESIGNS))
         )
         rounds = []

@@ -16,7 +16,7 @@ from kitchen_suite.benchmarks import benchmark_job
 from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
-from kitchen_suite.tasks.kitchens import certificates
+from kitchen_suite.tasks.generated_kitchens import certificates
 
 RESULTS = Path(__file__).resolve().parent.parent / "experiments" / "results"
 

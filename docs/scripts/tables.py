@@ -37,9 +37,9 @@ from kitchen_suite.entities.styles import STYLES
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, pushes
 from kitchen_suite.tasks.episode import sensing_parameters
+from kitchen_suite.tasks.generated_kitchens import mdp as kitchens
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.variations import DONE, done_parameter
-from kitchen_suite.tasks.kitchens import mdp as kitchens
 from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
 from kitchen_suite.tasks.observables import offered
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation

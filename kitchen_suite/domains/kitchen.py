@@ -3,7 +3,12 @@
 from types import MappingProxyType
 
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.names import DEFAULT_TASKS, FAST, FURTHER_TASKS, KITCHEN_ENVIRONMENT, KITCHENS_ENVIRONMENT, TASK_SETS
+from kitchen_suite.names import (
+    DEFAULT_TASKS,
+    FURTHER_TASKS,
+    KITCHEN_ENVIRONMENT,
+    TASK_SETS,
+)
 
 _GOALS = {
     **{name.replace(" ", "_"): (name,) for name in DEFAULT_TASKS},
@@ -36,28 +41,4 @@ KITCHEN = Domain(
     expert="kitchen_suite.policies.experts.kitchen:KitchenExpert",
     undirected="kitchen_suite.policies.experts.undirected:UndirectedExpert",
     benchmark="kitchen_suite.benchmarks.kitchen:KITCHEN",
-)
-
-
-_VERBS = ("open", "close", "turn_on", "turn_off", "move_kettle")
-
-_TASKS = {
-    **{verb: MappingProxyType({"verbs": (verb,)}) for verb in _VERBS},
-    "any": MappingProxyType({"verbs": _VERBS}),
-    # Several parts in an episode, in an order that is drawn.
-    "any_2": MappingProxyType({"verbs": _VERBS, "tasks_per_episode": 2}),
-    "any_4": MappingProxyType({"verbs": _VERBS, "tasks_per_episode": 4}),
-}
-
-KITCHENS = Domain(
-    "kitchens",
-    scene="kitchen_suite.entities:build_generated_kitchen",
-    task="kitchen_suite.tasks:KitchensTask",
-    tasks=MappingProxyType(_TASKS),
-    env_id="KitchenSuite/Kitchens-v1",
-    episode_steps=280,
-    physics=FAST,
-    env=KITCHENS_ENVIRONMENT.single,
-    vector_env=KITCHENS_ENVIRONMENT.vector,
-    expert="kitchen_suite.policies.experts.kitchens:PartExpert",
 )

@@ -17,12 +17,12 @@ from tqdm import tqdm
 
 from kitchen_suite import policies, suite
 from kitchen_suite.entities.designs import KitchenDesign
-from kitchen_suite.policies.experts.kitchens import reached_handles
+from kitchen_suite.policies.experts.generated_kitchens import reached_handles
 from kitchen_suite.rollouts.report import print_line, table
 from kitchen_suite.settings import FAILURE, CertifySettings
-from kitchen_suite.tasks.kitchens import certificates
-from kitchen_suite.tasks.kitchens.certificates import Certificate
-from kitchen_suite.tasks.kitchens.requests import VERBS
+from kitchen_suite.tasks.generated_kitchens import certificates
+from kitchen_suite.tasks.generated_kitchens.certificates import Certificate
+from kitchen_suite.tasks.generated_kitchens.requests import VERBS
 from kitchen_suite.tasks.variations.layouts import CLEARANCE_TOLERANCE, Clearance
 from kitchen_suite.vector_env.base import processors
 

@@ -11,9 +11,9 @@ from kitchen_suite.suite import DOMAINS
 
 if TYPE_CHECKING:
     from kitchen_suite.gymnasium_env.base import SuiteEnv as SuiteEnv
-    from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv as FrankaMicrowaveTableEnv
-    from kitchen_suite.gymnasium_env.cabinets import FrankaOpenCabinetEnv as FrankaOpenCabinetEnv
     from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv as FrankaKitchenEnv
+    from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv as FrankaMicrowaveTableEnv
+    from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv as FrankaOpenCabinetEnv
 
 __all__ = [
     "IDS",
@@ -47,8 +47,8 @@ __getattr__, __dir__ = lazy.attributes(
             (domain.name, task): env_id for domain in DOMAINS.values() for task, env_id in domain.task_ids.items()
         },
         "FrankaKitchenEnv": "kitchen_suite.gymnasium_env.kitchen:FrankaKitchenEnv",
-        "FrankaMicrowaveTableEnv": "kitchen_suite.gymnasium_env.cabinets:FrankaMicrowaveTableEnv",
-        "FrankaOpenCabinetEnv": "kitchen_suite.gymnasium_env.cabinets:FrankaOpenCabinetEnv",
+        "FrankaMicrowaveTableEnv": "kitchen_suite.gymnasium_env.microwave_table:FrankaMicrowaveTableEnv",
+        "FrankaOpenCabinetEnv": "kitchen_suite.gymnasium_env.open_cabinet:FrankaOpenCabinetEnv",
         "SuiteEnv": "kitchen_suite.gymnasium_env.base:SuiteEnv",
     },
 )

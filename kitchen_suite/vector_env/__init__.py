@@ -9,9 +9,9 @@ from kitchen_suite import lazy
 
 if TYPE_CHECKING:
     from kitchen_suite.vector_env.base import SuiteVectorEnv as SuiteVectorEnv
-    from kitchen_suite.vector_env.cabinets import FrankaMicrowaveTableVectorEnv as FrankaMicrowaveTableVectorEnv
-    from kitchen_suite.vector_env.cabinets import FrankaOpenCabinetVectorEnv as FrankaOpenCabinetVectorEnv
     from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv as FrankaKitchenVectorEnv
+    from kitchen_suite.vector_env.microwave_table import FrankaMicrowaveTableVectorEnv as FrankaMicrowaveTableVectorEnv
+    from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv as FrankaOpenCabinetVectorEnv
 
 __all__ = ["FrankaKitchenVectorEnv", "FrankaMicrowaveTableVectorEnv", "FrankaOpenCabinetVectorEnv", "SuiteVectorEnv"]
 
@@ -20,8 +20,8 @@ __getattr__, __dir__ = lazy.attributes(
     __all__,
     {
         "FrankaKitchenVectorEnv": "kitchen_suite.vector_env.kitchen:FrankaKitchenVectorEnv",
-        "FrankaMicrowaveTableVectorEnv": "kitchen_suite.vector_env.cabinets:FrankaMicrowaveTableVectorEnv",
-        "FrankaOpenCabinetVectorEnv": "kitchen_suite.vector_env.cabinets:FrankaOpenCabinetVectorEnv",
+        "FrankaMicrowaveTableVectorEnv": "kitchen_suite.vector_env.microwave_table:FrankaMicrowaveTableVectorEnv",
+        "FrankaOpenCabinetVectorEnv": "kitchen_suite.vector_env.open_cabinet:FrankaOpenCabinetVectorEnv",
         "SuiteVectorEnv": "kitchen_suite.vector_env.base:SuiteVectorEnv",
     },
 )

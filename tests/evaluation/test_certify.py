@@ -8,7 +8,7 @@ from kitchen_suite import suite
 from kitchen_suite.cli.commands import certify
 from kitchen_suite.entities import KitchenDesign
 from kitchen_suite.entities.designs import SPLITS
-from kitchen_suite.tasks.kitchens import certificates
+from kitchen_suite.tasks.generated_kitchens import certificates
 from kitchen_suite.tasks.variations.layouts import CLEARANCE_TOLERANCE
 
 DESIGN = 0

@@ -13,7 +13,8 @@ from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
-from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv, KitchensEnv
+from kitchen_suite.gymnasium_env.generated_kitchens import GeneratedKitchenEnv
+from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
 from kitchen_suite.gymnasium_env.observations import OBS_TYPES, has_pictures
 from kitchen_suite.settings import PICTURES_PREFIX
 
@@ -23,7 +24,7 @@ CLASSES = {
     "kitchen": FrankaKitchenEnv,
     "open_cabinet": FrankaOpenCabinetEnv,
     "microwave_table": FrankaMicrowaveTableEnv,
-    "kitchens": KitchensEnv,
+    "kitchens": GeneratedKitchenEnv,
 }
 # Elements of the robot, of the flat observation, and their bound.
 SIZES = {

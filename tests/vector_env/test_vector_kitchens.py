@@ -10,9 +10,10 @@ from helpers.errors import refused
 from helpers.vectors import batch
 from mujoco.batch import Batch
 
-from kitchen_suite.gymnasium_env.cabinets import FrankaOpenCabinetEnv, KitchensEnv
-from kitchen_suite.vector_env.cabinets import KitchensVectorEnv
+from kitchen_suite.gymnasium_env.generated_kitchens import GeneratedKitchenEnv
+from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv
 from kitchen_suite.vector_env.episodes import BatchEpisodes
+from kitchen_suite.vector_env.generated_kitchens import GeneratedKitchenVectorEnv
 
 VERBS = ("open", "close", "turn_on", "turn_off", "move_kettle")
 # Two environments of the first design, which share a batch with the fifth.
@@ -38,11 +39,11 @@ SEEN = {"variations": ["camera"], "verbs": ["open"]}
 
 
 def many(count=COUNT, design=DESIGNS, **settings):
-    return KitchensVectorEnv(count, design=design, **{"verbs": VERBS, "num_threads": 1, **settings})
+    return GeneratedKitchenVectorEnv(count, design=design, **{"verbs": VERBS, "num_threads": 1, **settings})
 
 
 def alone(count=COUNT, design=DESIGNS, **settings):
-    return [KitchensEnv(design[i % len(design)], **{"verbs": VERBS, **settings}) for i in range(count)]
+    return [GeneratedKitchenEnv(design[i % len(design)], **{"verbs": VERBS, **settings}) for i in range(count)]
 
 
 def row(value, i):
@@ -239,6 +240,6 @@ def test_extra_observables_that_kitchens_do_not_share_are_refused():
 
 
 def test_environments_whose_robots_have_other_indices_are_refused():
-    kitchen, cabinet = KitchensEnv(0, verbs=VERBS), FrankaOpenCabinetEnv()
+    kitchen, cabinet = GeneratedKitchenEnv(0, verbs=VERBS), FrankaOpenCabinetEnv()
     with refused(ValueError, "the robot must be attached before anything that differs"):
         BatchEpisodes([kitchen.environment, cabinet.environment], threads=1)

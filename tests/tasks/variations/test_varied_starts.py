@@ -8,7 +8,7 @@ from helpers.vectors import batch
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
-from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv
+from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 CLASSES = {

@@ -13,9 +13,9 @@ from kitchen_suite.cli.commands import record, replay, rollout
 from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS
 from kitchen_suite.names import FAST
-from kitchen_suite.tasks.kitchens.mdp import CLOSED, NOISE_SIZE, OPEN, PARTS, SIZE, SLOT_PARTS, SLOT_SIZE
-from kitchen_suite.tasks.kitchens.requests import VERBS
-from kitchen_suite.tasks.kitchens.task import RESET_NOISE
+from kitchen_suite.tasks.generated_kitchens.mdp import CLOSED, NOISE_SIZE, OPEN, PARTS, SIZE, SLOT_PARTS, SLOT_SIZE
+from kitchen_suite.tasks.generated_kitchens.requests import VERBS
+from kitchen_suite.tasks.generated_kitchens.task import RESET_NOISE
 
 # A kitchen with an oven, a hood, a kettle, drawers and doors, and one with a stove, drawers and doors.
 ROWS = [

@@ -12,15 +12,20 @@ from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.fixtures import Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.kitchen_plans import Placed
-from kitchen_suite.names import KITCHENS_ENVIRONMENT
+from kitchen_suite.names import GENERATED_KITCHEN_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
+from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of
+from kitchen_suite.tasks.generated_kitchens.mdp import (
+    GeneratedKitchenMDP,
+    GeneratedKitchenState,
+    SlotSensors,
+    noise_scale,
+)
+from kitchen_suite.tasks.generated_kitchens.records import PartRecords
+from kitchen_suite.tasks.generated_kitchens.requests import VERBS, PartRequests, verb_of
 from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
-from kitchen_suite.tasks.kitchens.certificates import certificate_of
-from kitchen_suite.tasks.kitchens.mdp import KitchensMDP, KitchensState, SlotSensors, noise_scale
-from kitchen_suite.tasks.kitchens.records import PartRecords
-from kitchen_suite.tasks.kitchens.requests import VERBS, PartRequests, verb_of
 from kitchen_suite.tasks.orders import in_order
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
@@ -56,7 +61,7 @@ _SENTENCES = {
 }
 
 
-class KitchensTask(SuiteTask):
+class GeneratedKitchenTask(SuiteTask):
     """Open, close, turn on, turn off or move parts of a generated kitchen.
 
     Start: the robot in its initial pose, with noise U(-0.05, 0.05) rad on the arm's joints; everything closed and off,
@@ -71,12 +76,12 @@ class KitchensTask(SuiteTask):
     """
 
     scene: GeneratedKitchen
-    mdp: KitchensMDP
+    mdp: GeneratedKitchenMDP
     requests: PartRequests
 
     default_control_timestep = CONTROL_TIMESTEP
     domain_name = "kitchens"
-    environment_classes = KITCHENS_ENVIRONMENT
+    environment_classes = GENERATED_KITCHEN_ENVIRONMENT
     control_modes = CONTROL_MODES
     varied = VARIED
 
@@ -117,7 +122,7 @@ class KitchensTask(SuiteTask):
         """
         control, observables = split_options(options, self.control_modes)
         names = tuple(checks.choice(verb, VERBS, "verb") for verb in checks.unique_names(verbs, "verbs"))
-        mdp = KitchensMDP(
+        mdp = GeneratedKitchenMDP(
             sensors=SlotSensors(scene),
             action_mode=make_mode(control_mode, self.control_modes, control),
             rewards=self.with_extra_rewards(REWARDS[checks.choice(reward, REWARDS, "reward")]),
@@ -190,14 +195,14 @@ class KitchensTask(SuiteTask):
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
 
-    def initial_state(self, draws: Array) -> KitchensState:
+    def initial_state(self, draws: Array) -> GeneratedKitchenState:
         return self.mdp.with_request(super().initial_state(draws), self.requests.order, self.requests.goal)
 
     def saved_state(self) -> dict[str, Any]:
         return self.state.as_dict()
 
     def restore_state(self, state: Mapping[str, Any]) -> None:
-        self.set_mdp_state(KitchensState.from_dict(state, self.state.slots))
+        self.set_mdp_state(GeneratedKitchenState.from_dict(state, self.state.slots))
 
     def publish(self, physics: mjcf.Physics | None) -> None:
         """Updates the colours, given a physics."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.kitchens.requests import verb_of
+from kitchen_suite.tasks.generated_kitchens.requests import verb_of
 from kitchen_suite.tasks.orders import REQUESTED
 from kitchen_suite.tasks.records import Completions, Metrics, Records
 

@@ -30,11 +30,11 @@ from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, BACK, DOWN, 
 from kitchen_suite.policies.experts.skills import ArcMove, HandOrientation, Move, Prismatic, Revolute, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.modes import make_mode
+from kitchen_suite.tasks.generated_kitchens import mdp
+from kitchen_suite.tasks.generated_kitchens.mdp import PARTS, SLOT_PARTS, SLOT_SIZE, SlotSensors, size
+from kitchen_suite.tasks.generated_kitchens.task import GeneratedKitchenTask
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
 from kitchen_suite.tasks.kitchen.goals import GOALS
-from kitchen_suite.tasks.kitchens import mdp
-from kitchen_suite.tasks.kitchens.mdp import PARTS, SLOT_PARTS, SLOT_SIZE, SlotSensors, size
-from kitchen_suite.tasks.kitchens.task import KitchensTask
 
 # Openings at which the expert leaves a part, some noise beyond those that count.
 _OPENED, _SHUT = mdp.OPEN + 0.02, mdp.CLOSED - 0.02
@@ -118,7 +118,7 @@ class PartExpert(Expert):
         super().__init__(style, make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model()))
 
     @classmethod
-    def _task_settings(cls, task: KitchensTask) -> dict[str, Any]:
+    def _task_settings(cls, task: GeneratedKitchenTask) -> dict[str, Any]:
         return {"design": task.scene.design, "num_slots": task.mdp.num_slots}
 
     def reset(self, generator: np.random.Generator) -> None:

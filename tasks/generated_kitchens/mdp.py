@@ -237,7 +237,7 @@ class SlotSensors:
         )
 
 
-class Shaping(NamedTuple):
+class SlotShaping(NamedTuple):
     """State of a dense reward.
 
     Attributes:
@@ -253,7 +253,7 @@ class Shaping(NamedTuple):
     best_progress: Array
 
 
-class KitchensState(NamedTuple):
+class GeneratedKitchenState(NamedTuple):
     """State of an episode after a control step.
 
     Attributes:
@@ -284,12 +284,12 @@ class KitchensState(NamedTuple):
     progress: Progress
     slots: Slots
     terms: dict[str, Array]
-    shaping: Shaping | None = None
+    shaping: SlotShaping | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Returns the state as nested dicts of fresh arrays, without the kitchen's slots and what is None."""
         fields = {name: part for name, part in self._asdict().items() if name != "slots" and part is not None}
-        nested = {name: part._asdict() for name, part in fields.items() if isinstance(part, Progress | Shaping)}
+        nested = {name: part._asdict() for name, part in fields.items() if isinstance(part, Progress | SlotShaping)}
         arrays: dict[str, Any] = tree.map_structure(np.array, {**fields, **nested})
         return arrays
 
@@ -298,7 +298,7 @@ class KitchensState(NamedTuple):
         """Returns the state that `as_dict` returned as nested dicts, among which there may be others."""
         parts = {name: arrays[name] for name in cls._fields if name in arrays}
         if "shaping" in parts:
-            parts["shaping"] = Shaping(**parts["shaping"])
+            parts["shaping"] = SlotShaping(**parts["shaping"])
         return cls(**{**parts, "progress": Progress(**parts["progress"]), "slots": slots})
 
     @property
@@ -317,16 +317,16 @@ class KitchensState(NamedTuple):
         offsets = self.handles[..., :3] - self.hand[..., np.newaxis, :3]
         return np.sqrt(rotations.squared_length(offsets))
 
-    def goal_progress(self, shaping: Shaping) -> Array:
+    def goal_progress(self, shaping: SlotShaping) -> Array:
         """Returns the fraction `(..., K)` of the way to the goal that the parts have covered, requested or not."""
         return covered(np.abs(self.goal - self.openings), np.abs(self.goal - shaping.initial_openings))
 
 
-class KitchensTransition(Transition):
+class GeneratedKitchenTransition(Transition):
     """A control step in a generated kitchen."""
 
-    before: KitchensState
-    after: KitchensState
+    before: GeneratedKitchenState
+    after: GeneratedKitchenState
 
     @property
     def completions(self) -> NDArray[np.bool_]:
@@ -353,7 +353,7 @@ class KitchensTransition(Transition):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class KitchensMDP(MDP[SlotReading, KitchensState]):
+class GeneratedKitchenMDP(MDP[SlotReading, GeneratedKitchenState]):
     """Settings of a task in generated kitchens, and the mathematics of an episode under them.
 
     Attributes:
@@ -378,10 +378,10 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
     def noise_parts(self) -> Mapping[str, slice]:
         return NOISE_PARTS
 
-    def initial_state(self, reading: SlotReading, draws: Array) -> KitchensState:
+    def initial_state(self, reading: SlotReading, draws: Array) -> GeneratedKitchenState:
         """Returns the state before the first step of an episode that asks for nothing; see `with_request`."""
         zeros, slots = np.zeros(MAX_PARTS), self.sensors.slots
-        state = KitchensState(
+        state = GeneratedKitchenState(
             noise=self.noise_scale * draws,
             target=reading.positions,
             goal=zeros,
@@ -391,17 +391,19 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
             terms=self.no_reward(()),
             **_measured(slots, reading),
         )
-        shaping = Shaping(state.hand_distances, zeros, state.openings, zeros)
+        shaping = SlotShaping(state.hand_distances, zeros, state.openings, zeros)
         return state._replace(shaping=shaping) if self.is_dense else state
 
-    def with_request(self, state: KitchensState, order: NDArray[np.int64], goal: Array) -> KitchensState:
+    def with_request(
+        self, state: GeneratedKitchenState, order: NDArray[np.int64], goal: Array
+    ) -> GeneratedKitchenState:
         """Returns the state before the first step of an episode that asks for goals `(K,)` of parts in an order."""
         progress = Progress.initial((MAX_PARTS,))._replace(remaining=order >= 0)
         return state._replace(order=order, goal=goal, progress=progress)
 
     def transition(
-        self, state: KitchensState, *, action: Array, target: Array, reading: SlotReading, draws: Array
-    ) -> KitchensTransition:
+        self, state: GeneratedKitchenState, *, action: Array, target: Array, reading: SlotReading, draws: Array
+    ) -> GeneratedKitchenTransition:
         after = state._replace(
             noise=self.noise_scale * draws, target=target, terms={}, **_measured(state.slots, reading)
         )
@@ -414,7 +416,7 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
                 best_progress=np.maximum(state.shaping.best_progress, after.goal_progress(state.shaping)),
             )
             after = after._replace(shaping=shaping)
-        return KitchensTransition(state, action, target, after)
+        return GeneratedKitchenTransition(state, action, target, after)
 
     @staticmethod
     def within(openings: Array, goal: Array) -> NDArray[np.bool_]:
@@ -431,18 +433,18 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
             "slots": _single(lambda state: _observed_slots(state, self.num_slots)),
         }
 
-    def terminates(self, state: KitchensState) -> NDArray[np.bool_]:
+    def terminates(self, state: GeneratedKitchenState) -> NDArray[np.bool_]:
         return self.all_completed(state) & self.terminates_when_complete
 
     @staticmethod
-    def all_completed(state: KitchensState) -> NDArray[np.bool_]:
+    def all_completed(state: GeneratedKitchenState) -> NDArray[np.bool_]:
         """Returns whether `(...)` everything that the episode asks for has been completed."""
         return np.logical_and.reduce(state.progress.completed | ~state.requested, axis=-1)
 
-    def complete(self, state: KitchensState) -> NDArray[np.bool_]:
+    def complete(self, state: GeneratedKitchenState) -> NDArray[np.bool_]:
         return state.progress.within & state.progress.completed
 
-    def info(self, state: KitchensState) -> dict[str, NDArray]:
+    def info(self, state: GeneratedKitchenState) -> dict[str, NDArray]:
         """Returns the infos on the parts: fresh arrays, `(...)` or, in the order of the design, `(..., K)`."""
         infos = {
             "openings": state.openings.copy(),
@@ -457,17 +459,17 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         return infos
 
 
-def _single(read: Callable[[KitchensState], Array]) -> Observation:
+def _single(read: Callable[[GeneratedKitchenState], Array]) -> Observation:
     """Returns the observation of what is read of a state, in single precision."""
     return Observation(lambda simulation, state: read(state).astype(np.float32))
 
 
-def _hand_pose(state: KitchensState) -> Array:
+def _hand_pose(state: GeneratedKitchenState) -> Array:
     """Returns the position `(..., 3)` of the hand relative to the robot's base, and two columns of its rotation."""
     return np.concatenate([state.hand[..., :3] - robot_base(), state.hand[..., _TWO_COLUMNS]], axis=-1)
 
 
-def _observed_slots(state: KitchensState, count: int) -> Array:
+def _observed_slots(state: GeneratedKitchenState, count: int) -> Array:
     """Returns the elements of a number of slots `(..., m)`, end to end: those of requested parts come first."""
     noise = state.noise
     position = state.handles[..., :3] + noise[..., _NOISE["handles"]].reshape(*noise.shape[:-1], MAX_PARTS, 3)
