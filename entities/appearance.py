@@ -18,8 +18,8 @@ from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities import cabinet
-from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType, shared_value
+from kitchen_suite.types import Vector
 
 _MATERIAL = mujoco.mjtObj.mjOBJ_MATERIAL
 _GEOM = mujoco.mjtObj.mjOBJ_GEOM

@@ -8,9 +8,7 @@ import importlib.util
 from pathlib import Path
 
 import mujoco
-import numpy as np
 from dm_control import composer, mjcf
-from numpy.typing import NDArray
 
 from kitchen_suite.entities.parameters import Parameter
 
@@ -20,12 +18,6 @@ _ASSETS = Path("envs", "assets", "kitchen_franka")
 _XML_DIR = Path(__file__).parent / "xml"
 
 VISUAL_BODY = "_visuals"  # Ending of the names of bodies that hold only visual geoms; see `split_visual_geoms`.
-
-# Three numbers along x, y and z.
-Vector = tuple[float, float, float]
-
-# Numbers of a shape that docstrings name.
-Array = NDArray[np.float64]
 
 
 class NamedEntity(composer.Entity):

@@ -10,9 +10,9 @@ from dm_control import mjcf
 
 from kitchen_suite import checks
 from kitchen_suite.entities import assets
-from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.parameters import Parameter, displacement, joint_parameters, pose_parameters
 from kitchen_suite.entities.props import Prop
+from kitchen_suite.types import Vector
 
 DOOR_GAP = 0.003  # Gap around a door, and between a drawer's front and the cabinet's side [m].
 _SIGNED = ("drawer_heights", "handle_height")  # Parameters that may be negative.

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from kitchen_suite.entities.assets import Vector
+from kitchen_suite.types import Vector
 
 Level = Literal["base", "counter", "wall", "tall"]  # Below the counter, on it, above it, or beside it.
 Handle = Literal["bar", "knob"]

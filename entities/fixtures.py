@@ -11,7 +11,6 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite.entities import assets, props
-from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.fixture_designs import (
     CLEARANCE,
     KNOB_RADIUS,
@@ -34,6 +33,7 @@ from kitchen_suite.entities.fixture_designs import (
 )
 from kitchen_suite.entities.props import Prop
 from kitchen_suite.entities.styles import DARK, STEEL, Style
+from kitchen_suite.types import Vector
 
 PART_KINDS = ("drawer", "door", "sliding door", "knob", "switch", "kettle")  # Kinds of parts.
 GAP = 0.004  # Gap between fronts, and from a front to the edge of its fixture [m].

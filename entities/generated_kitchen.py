@@ -7,7 +7,6 @@ from types import MappingProxyType
 import numpy as np
 
 from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA
-from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.designs import Design, KitchenDesign
 from kitchen_suite.entities.fixtures import GAP, KETTLE, PANEL, Part, build_fixture
 from kitchen_suite.entities.kitchen_plans import SIDES, Placed, Side
@@ -16,6 +15,7 @@ from kitchen_suite.entities.props import Kettle, Prop
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import FLOOR, GeneratedKitchenArena, Scene, exclude_base_contacts
 from kitchen_suite.entities.styles import DARK, STEEL, STYLES, TILES, Style
+from kitchen_suite.types import Vector
 
 MAX_PARTS = 16  # Greatest number of parts in a kitchen.
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import assets
-from kitchen_suite.entities.assets import Array, Vector
 from kitchen_suite.entities.joints import JointObservables
 from kitchen_suite.entities.parameters import (
     DAMPING_SCALE,
@@ -25,8 +24,7 @@ from kitchen_suite.entities.parameters import (
     displacement,
     scale,
 )
-
-Quaternion = tuple[float, float, float, float]
+from kitchen_suite.types import Array, Quaternion, Vector
 
 _MAX_JOINTS = 7  # Of an arm: pushes displace as many.
 

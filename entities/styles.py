@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-from kitchen_suite.entities.assets import Vector
+from kitchen_suite.types import Vector
 
 StyleName = Literal["slate", "oak", "white", "sage", "navy", "terracotta"]
 

@@ -12,13 +12,13 @@ import numpy as np
 import tree
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter, task_parameter
 from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.pushes import Push, Pusher
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Termination, Transition
+from kitchen_suite.types import Array
 
 ACTION_DELAY = "sensing/action_delay"
 

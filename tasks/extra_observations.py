@@ -7,9 +7,9 @@ import numpy as np
 from dm_control.composer.observation import observable
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation
+from kitchen_suite.types import Array
 
 
 class Measured(NamedTuple):

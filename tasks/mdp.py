@@ -10,12 +10,12 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes.mode import ActionMode
 from kitchen_suite.tasks.sensors import Sensors
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, RewardTerm, Transition, total
+from kitchen_suite.types import Array
 
 Reading = TypeVar("Reading")
 State = TypeVar("State", bound=tuple)

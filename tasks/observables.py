@@ -13,10 +13,10 @@ from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.sensors import FeatureSensors
 from kitchen_suite.tasks.simulation import PhysicsSimulation, Simulation
+from kitchen_suite.types import Array
 
 # First part of the keys of the pictures of goals.
 GOAL_PIXELS = "goal_pixels"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
+from kitchen_suite.types import Array
 
 REQUESTED = "requested_tasks"  # Option of a reset, observation and info.
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
+from kitchen_suite.types import Array
 
 PICTURE_AXES = 3  # Number of axes of an observed picture: height, width, channels.
 

@@ -11,13 +11,13 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.parameters import task_parameter
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.variations.distributions import Bands, Choice, ParameterVariation
+from kitchen_suite.types import Array
 
 _ARM = 7  # Joints of the arm, without the fingers.
 

@@ -7,7 +7,7 @@ import numpy as np
 from dm_control import composer, mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
+from kitchen_suite.types import Array
 
 # Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
 Metrics = dict[str, bool | float | dict[str, int]]

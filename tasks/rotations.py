@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kitchen_suite.entities.assets import Array
+from kitchen_suite.types import Array
 
 # Below this angle [rad] a rotation vector is twice the vector part of its quaternion.
 _SMALL = 1e-9

@@ -7,12 +7,12 @@ import mujoco
 import numpy as np
 from dm_control import mjcf
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.simulation import Columns, Simulation, as_columns
+from kitchen_suite.types import Array
 
 Reading_co = TypeVar("Reading_co", covariant=True)
 

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.terms import RewardTerm
+from kitchen_suite.types import Array
 
 # Least initial distance [rad, m] that shares are relative to: a hand or an object that starts near has come far.
 _LEAST_DISTANCE = 0.1

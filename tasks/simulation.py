@@ -9,7 +9,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
+from kitchen_suite.types import Array
 
 Columns = NDArray[np.int64] | slice
 

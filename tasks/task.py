@@ -17,7 +17,6 @@ from dm_env import specs
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.names import ANY_ENVIRONMENT, EnvironmentClasses
@@ -35,6 +34,7 @@ from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
 from kitchen_suite.tasks.terms import Observation, RewardTerm, Termination, end_to_end
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
+from kitchen_suite.types import Array
 
 # Hooks of composer's tasks that act in a composer environment alone: the vectorised one steps by the task's MDP. By
 # name, what acts in all environments instead.

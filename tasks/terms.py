@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.types import Array
 
 
 class Transition:

@@ -31,7 +31,7 @@ ORDER = (
     "tasks",
     "entities",
 )
-GROUND = ("", "checks", "files", "lazy", "names", "signatures", "versions")
+GROUND = ("", "checks", "files", "lazy", "names", "signatures", "types", "versions")
 BESIDE = {"workers": ("rendering",), "rendering": ()}
 # For users: `kitchen_suite.experts`, `kitchen_suite.load` and `python -m kitchen_suite`.
 ALIASES = {

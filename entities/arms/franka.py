@@ -7,8 +7,8 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite.entities import assets
-from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.robot import RobotSpec
+from kitchen_suite.types import Vector
 
 _CLOSED = 0.0  # Target of the fingers that closes the hand [m].
 _OPEN = 0.04  # Target of the fingers that opens the hand [m].

@@ -1,6 +1,8 @@
 """The composer environment of the suite."""
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
-from kitchen_suite.environment.environment import PHYSICS_STATE, Environment, Origin, Physics
+from kitchen_suite.environment.environment import Environment, Origin
+from kitchen_suite.environment.physics import Physics
+from kitchen_suite.environment.states import PHYSICS_STATE
 
 __all__ = ["PHYSICS_STATE", "Environment", "Origin", "Physics"]

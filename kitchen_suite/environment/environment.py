@@ -10,30 +10,26 @@ from typing import Any, NamedTuple
 import dm_env
 import mujoco
 import numpy as np
-from dm_control import composer, mjcf
-from dm_control.composer import observation
+from dm_control import composer
 from dm_control.composer.observation import observable
-from dm_control.mujoco import Camera, engine
-from dm_control.mujoco.wrapper import MjData
 from dm_control.rl import control
 from dm_env import specs
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import VISUAL_BODY
-from kitchen_suite.environment.composer import check_private_names
 from kitchen_suite.environment.edits import MjcfSnapshot
-from kitchen_suite.environment.named import NamedData, NamedModel, Names
+from kitchen_suite.environment.named import Names
+from kitchen_suite.environment.physics import Physics
+from kitchen_suite.environment.private_names import check_private_names
+from kitchen_suite.environment.random_states import checked_random, first_seed, make_random_state
 from kitchen_suite.environment.seeds import NEXT_SEED, UNKNOWN, checked_next_seed, checked_stride, known
+from kitchen_suite.environment.states import ASLEEP, PHYSICS_STATE, check_sleep, shared_elements, write_sleep
+from kitchen_suite.environment.updater import UnbufferedUpdater
 from kitchen_suite.names import EXACT
-from kitchen_suite.rendering import contexts
-from kitchen_suite.tasks.observables import Camera as PictureCamera
 from kitchen_suite.tasks.task import SuiteTask
 
 check_private_names()
 
-PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-"""The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""
 
 # Ends the errors about environments that cannot be copied.
 _BY_STATE = "build another one in the same way, and pass its set_state what get_state of this one returns"
@@ -41,171 +37,14 @@ _BY_STATE = "build another one in the same way, and pass its set_state what get_
 # Key of states: the physics, where it is not the exact one.
 _PHYSICS_NAME = "physics_name"
 
-# Key of states: what sleeps, where objects may.
-_ASLEEP = "asleep"
 
 # Key of states, and of infos: length of a control step [s], where it is not the task's own.
 CONTROL_TIMESTEP = "control_timestep"
 
 
-class Physics(mjcf.Physics):
-    """`mjcf.Physics` that keeps the scenes it renders, in a GL context of the suite; see `rendering.contexts`."""
-
-    def render(
-        self, height: int = 240, width: int = 320, camera_id: int | str = -1, *arguments: Any, **options: Any
-    ) -> NDArray:
-        """Returns an image as `mjcf.Physics.render` does; a RuntimeError, if there can be none, names the remedy.
-
-        dm_control allocates a scene for each image, which takes up to a third of the time of a fast one. Here the
-        scenes of the model's cameras are kept until the GL context is freed.
-        """
-        if camera_id == -1 or options.get("scene_callback"):
-            return super().render(height, width, camera_id, *arguments, **options)
-        options.pop("scene_callback", None)
-        key = (height, width, camera_id)
-        if key not in self._cameras:
-            self._cameras[key] = Camera(self, height, width, camera_id)
-        # A copy, since a camera draws all its images into the same array.
-        return np.array(self._cameras[key].render(*arguments, **options))
-
-    def use_names(self, names: Names) -> None:
-        """Makes joints, actuators, bodies and sites of model and data be found by further names as well."""
-        self._reload_from_data(MjData(NamedData(NamedModel.copy_of(self.model.ptr, names))))
-
-    def free_context(self) -> None:
-        """Frees the GL context; the next picture makes another."""
-        if self._contexts:
-            self._free_rendering_contexts()
-
-    def _make_rendering_contexts(self) -> None:
-        framebuffer = self.model.vis.global_
-        with contexts.new_context(framebuffer.offwidth, framebuffer.offheight) as context:
-            context.hold(mujoco.MjrContext(self.model.ptr, mujoco.mjtFontScale.mjFONTSCALE_150))
-            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context.ptr)
-        self._contexts = engine.Contexts(gl=context, mujoco=context)
-
-    def _free_rendering_contexts(self) -> None:
-        self._cameras.clear()
-        super()._free_rendering_contexts()
-
-    def _reload_from_data(self, data: MjData) -> None:
-        # Not in the constructor, which copies do without.
-        self._cameras: dict[tuple[int, int, int | str], Camera] = {}
-        super()._reload_from_data(data)
-
-
-def shared_elements(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """Returns which elements of MuJoCo's state vector a scene has with and without visuals.
-
-    Forces on bodies that hold only visual geoms are not among them: a scene without visuals has no such bodies.
-    """
-    is_shared = np.ones(mujoco.mj_stateSize(model, PHYSICS_STATE), bool)
-    # Six numbers for each body, after the parts of the lower flags: MuJoCo concatenates in the flags' order.
-    start = mujoco.mj_stateSize(model, int(PHYSICS_STATE) & (int(mujoco.mjtState.mjSTATE_XFRC_APPLIED) - 1))
-    forces = is_shared[start : start + 6 * model.nbody].reshape(model.nbody, 6)
-    forces[:] = [[not model.body(i).name.endswith(VISUAL_BODY)] for i in range(model.nbody)]
-    return is_shared
-
-
-def check_sleep(tree_asleep: NDArray[np.int32]) -> None:
-    """Raises a ValueError unless MuJoCo can have written such a `tree_asleep`.
-
-    Trees that sleep together name each other in a circle; the others count the physics steps until they may sleep.
-    """
-    (asleep,) = np.nonzero(tree_asleep >= 0)
-    if sorted(tree_asleep[asleep]) != asleep.tolist() or tree_asleep.min() < -1 - mujoco.mjMINAWAKE:
-        raise ValueError(f"state[{_ASLEEP!r}] names no trees that sleep together: {checks.shown(tree_asleep.tolist())}")
-
-
-def write_sleep(model: mujoco.MjModel, data: mujoco.MjData, tree_asleep: NDArray[np.int32]) -> None:
-    """Sets which kinematic trees sleep, and what MuJoCo derives from it; `mj_setState` wakes all.
-
-    `tree_asleep` `(ntree,)` is as MuJoCo's field of this name: not negative where a tree sleeps.
-    """
-    data.tree_asleep[:] = tree_asleep
-    data.tree_awake[:] = tree_asleep < 0
-    moves = model.body_treeid >= 0
-    data.body_awake[moves] = data.tree_awake[model.body_treeid[moves]]
-    sleeps = data.body_awake == int(mujoco.mjtSleepState.mjS_ASLEEP)
-    is_child = np.arange(model.nbody) > 0
-    (bodies,) = np.nonzero(~sleeps)
-    (children,) = np.nonzero(is_child & ~sleeps[model.body_parentid])
-    (dofs,) = np.nonzero(~sleeps[model.dof_bodyid])
-    data.body_awake_ind[: bodies.size] = bodies
-    data.parent_awake_ind[: children.size] = children
-    data.dof_awake_ind[: dofs.size] = dofs
-    data.ntree_awake, data.nv_awake = int(data.tree_awake.sum()), dofs.size
-    data.nbody_awake, data.nparent_awake = bodies.size, children.size
-
-
 def edits_mjcf(entity: composer.Entity) -> bool:
     """Whether an entity may edit its MJCF before an episode."""
     return type(entity).initialize_episode_mjcf is not composer.Entity.initialize_episode_mjcf
-
-
-def is_unbuffered(part: observable.Observable) -> bool:
-    """Whether an observable is updated at every physics step, without delay or buffer."""
-    return (
-        part.update_interval == observation.updater.DEFAULT_UPDATE_INTERVAL
-        and not part.delay
-        and part.buffer_size in (None, observation.updater.DEFAULT_BUFFER_SIZE)
-    )
-
-
-class UnbufferedUpdater(observation.Updater):
-    """composer's updater, which bypasses the buffers if no enabled observable needs one.
-
-    It then reads each observable once per control step. Observations and the draws of corruptors are the same.
-
-    Attributes:
-      needs_each_step: whether an enabled observable is to be updated at some physics steps within a control step.
-    """
-
-    needs_each_step = False
-    _bypasses_buffers = False
-
-    def reset(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        # composer reads the observation once when it has compiled the model, and again when an episode starts. Only the
-        # latter is returned: an environment is built without a GL context, so that a process can build one and fork.
-        cameras = [part for part in self._observables.values() if isinstance(part, PictureCamera)]
-        for camera in cameras:
-            camera.is_covered = self._enabled_structure is None
-        super().reset(physics, random_state)
-        for camera in cameras:
-            camera.is_covered = False
-        enabled = [part for part in self._observables.values() if part.enabled]
-        self.needs_each_step = not all(map(is_unbuffered, enabled))
-        self._bypasses_buffers = (
-            self._strip_singleton_buffer_dim
-            and not self.needs_each_step
-            and not any(part.aggregator for part in enabled)
-        )
-        self._readers = [
-            (name, buffered.observation_callable, buffered.buffer.dtype)
-            for name, buffered in self._enabled_structure.items()
-        ]
-        self._observation: collections.OrderedDict[str, np.ndarray] = super().get_observation()
-
-    def skip(self, steps: int) -> None:
-        """Counts physics steps of the present control step without updating the observables."""
-        self._step_counter += steps
-
-    def prepare_for_next_control_step(self) -> None:
-        if not self._bypasses_buffers:
-            super().prepare_for_next_control_step()
-
-    def update(self) -> None:
-        if not self._bypasses_buffers:
-            super().update()
-            return
-        self._step_counter += 1
-        if self._step_counter % self._physics_steps_per_control_step == 0:
-            self._observation = collections.OrderedDict(
-                [(name, np.array(read(), dtype)) for name, read, dtype in self._readers]
-            )
-
-    def get_observation(self) -> collections.OrderedDict[str, np.ndarray]:
-        return self._observation.copy() if self._bypasses_buffers else super().get_observation()
 
 
 class Origin(NamedTuple):
@@ -279,7 +118,7 @@ class Environment(composer.Environment):
         if self._seed_stride:
             if kwargs.get("fixed_initial_state"):
                 raise ValueError("fixed_initial_state and episode_seeds both set the random stream: leave out one")
-            random_state = self._next_seed = _first_seed(random_state)
+            random_state = self._next_seed = first_seed(random_state)
         with warnings.catch_warnings():
             # composer stores the legacy state of the random stream; numpy warns unless that is a Mersenne Twister.
             warnings.filterwarnings("ignore", "get_state and legacy", RuntimeWarning)
@@ -358,7 +197,7 @@ class Environment(composer.Environment):
     @random_state.setter
     def random_state(self, value: int | np.random.RandomState | None) -> None:
         if self._seed_stride:
-            value = self._next_seed = _first_seed(value)
+            value = self._next_seed = first_seed(value)
             self._random_state = self._seeded_state = make_random_state(value)
             return
         self._random_state = make_random_state(value)
@@ -453,7 +292,7 @@ class Environment(composer.Environment):
             "reset_next_step": self._reset_next_step,
             "random": self._random_state.get_state(legacy=False),
             **({} if scene.physics == EXACT else {_PHYSICS_NAME: scene.physics}),
-            **({_ASLEEP: self._physics.data.ptr.tree_asleep.copy()} if scene.sleeps else {}),
+            **({ASLEEP: self._physics.data.ptr.tree_asleep.copy()} if scene.sleeps else {}),
             **self.changed_timestep,
             **({NEXT_SEED: self._next_seed} if self._seed_stride else {}),
         }
@@ -475,7 +314,7 @@ class Environment(composer.Environment):
         found, own = state.get(_PHYSICS_NAME, EXACT), self._task.scene.physics
         if found != own:
             raise ValueError(f"the state is of physics {checks.shown(found)}, but the environment has {own!r}")
-        random = _checked_random(state.get("random"), self._random_state)
+        random = checked_random(state.get("random"), self._random_state)
         task = self._task
         given = state.get(CONTROL_TIMESTEP, task.default_control_timestep)
         timestep = checks.number(given, f"state[{CONTROL_TIMESTEP!r}]", positive=True)
@@ -487,8 +326,8 @@ class Environment(composer.Environment):
         checked = {"random": {}, **({NEXT_SEED: 0} if self._seed_stride else {})}
         state = checks.matching({**state, **checked}, {**self.get_state(), **checked}, "state")
         step_count = checks.integer(state["step_count"].item(), "state['step_count']", minimum=0)
-        if _ASLEEP in state:
-            check_sleep(state[_ASLEEP])
+        if ASLEEP in state:
+            check_sleep(state[ASLEEP])
         if np.abs(state["physics"]).max() > mujoco.mjMAXVAL:
             raise ValueError(f"state['physics'] must not exceed {mujoco.mjMAXVAL:g}, MuJoCo's limit for divergence")
         # The task goes first: it may change the model, from which mj_step1 then computes.
@@ -500,7 +339,7 @@ class Environment(composer.Environment):
         if self._task.scene.sleeps:
             # What sleeps keeps the pose that it has now.
             mujoco.mj_step1(model, data)
-            write_sleep(model, data, state[_ASLEEP])
+            write_sleep(model, data, state[ASLEEP])
         mujoco.mj_step1(model, data)
         self._step_count, self._reset_next_step = step_count, bool(state["reset_next_step"])
         self._observation_updater.reset(self._physics_proxy, self._random_state)
@@ -586,55 +425,3 @@ def _settings_of(observables: Mapping[str, observable.Observable]) -> dict[str, 
     """Returns the settings of observables by name, which are compared by equality."""
     names = ("enabled", "update_interval", "buffer_size", "delay", "aggregator", "corruptor")
     return {key: tuple(getattr(part, name) for name in names) for key, part in observables.items()}
-
-
-def make_random_state(random: int | np.random.RandomState | None) -> np.random.RandomState:
-    """Returns a RandomState for the argument `random` of dm_control's environments.
-
-    Args:
-      random: a RandomState, which is returned as it is; a seed of any size, whose bits above the 32nd are folded onto
-        the lower ones; or `None` for fresh entropy.
-    """
-    if random is None or isinstance(random, np.random.RandomState):
-        return random or np.random.RandomState()
-    if isinstance(random, bool) or not isinstance(random, int | np.integer):
-        raise TypeError(f"random must be an int, a numpy RandomState or None, got {checks.shown(random)}")
-    if random < 0:
-        raise ValueError(f"random must not be negative, got {random}")
-    seed, folded = int(random), 0
-    while seed:
-        folded ^= seed & 0xFFFFFFFF
-        seed >>= 32
-    return np.random.RandomState(folded)
-
-
-def legacy_generator(seed: int | None) -> np.random.Generator:
-    """Returns a generator from whose bit generator a RandomState draws the numbers of `make_random_state(seed)`."""
-    bit_generator = np.random.MT19937()
-    np.random.RandomState(bit_generator).set_state(make_random_state(seed).get_state(legacy=False))
-    return np.random.Generator(bit_generator)
-
-
-def _first_seed(random: int | np.random.RandomState | None) -> int:
-    """Returns the seed of the first episode; a TypeError for a RandomState, and a drawn one for None."""
-    if random is None:
-        return int(np.random.default_rng().integers(2**32))
-    if isinstance(random, np.random.RandomState):
-        raise TypeError("episode_seeds counts from a seed: random must be an int or None, got a RandomState")
-    make_random_state(random)
-    return int(random)
-
-
-def _checked_random(stored: object, random_state: np.random.RandomState) -> dict[str, Any]:
-    """Returns a stored result of `random_state.get_state(legacy=False)`, if `random_state` can be set to it."""
-    if not isinstance(stored, Mapping):
-        raise TypeError(f"state['random'] must be a dict, got {checks.shown(stored)}")
-    generator = random_state.get_state(legacy=False)["bit_generator"]
-    if stored.get("bit_generator") != generator:
-        other = checks.shown(stored.get("bit_generator"))
-        raise ValueError(f"state['random'] must be of a {generator}, got one of {other}")
-    try:
-        np.random.RandomState(getattr(np.random, generator)()).set_state(dict(stored))
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise ValueError(f"state['random'] is no state of a {generator}: {checks.shown(error)}") from error
-    return dict(stored)

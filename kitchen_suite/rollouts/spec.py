@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, policies, suite
-from kitchen_suite.environment.environment import legacy_generator
+from kitchen_suite.environment.random_states import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import has_pictures
 from kitchen_suite.names import EXACT

@@ -9,13 +9,13 @@ from dm_control import mjcf
 from dm_env import specs
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes import inverse_kinematics
 from kitchen_suite.tasks.control_modes.joints import MAX_SPEED, ArmServos, Gripper
 from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
 from kitchen_suite.tasks.simulation import Simulation, as_columns
+from kitchen_suite.types import Array
 
 # Time constant with which the end effector approaches its target: the greater one of these two. Longer, and it lags
 # behind; shorter, and the servos' torques reach their limits.

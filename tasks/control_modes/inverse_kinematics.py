@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks import rotations
+from kitchen_suite.types import Array
 
 _DAMPING = 0.05  # Near singular configurations, joint steps stay below half of the error divided by it.
 

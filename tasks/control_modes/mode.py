@@ -12,9 +12,9 @@ from dm_env import specs
 from numpy.typing import NDArray
 
 from kitchen_suite import signatures
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.types import Array
 
 MEDIAN = 0.5  # Draw of an action mode that draws nothing: the median of U(0, 1).
 

@@ -16,7 +16,6 @@ import tree
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.scenes import robot_base
@@ -27,6 +26,7 @@ from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER
 from kitchen_suite.tasks.shaping import REWARDS, Shares, covered
 from kitchen_suite.tasks.simulation import Columns, Simulation, as_columns
 from kitchen_suite.tasks.terms import Observation, Transition, end_to_end
+from kitchen_suite.types import Array
 
 OPEN = 0.75  # Opening from which a part counts as open or on, as a share.
 CLOSED = 0.15  # Opening up to which a part counts as closed or off, as a share.

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.fixtures import Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, TaskDraw, checked_order, in_order, order_of
 from kitchen_suite.tasks.requests import Requests
+from kitchen_suite.types import Array
 
 # Verbs of tasks: whether they begin with the part open or on, and the kinds of parts that they are for.
 VERBS: Mapping[str, tuple[bool, frozenset[str]]] = {

@@ -8,7 +8,6 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.fixtures import Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.kitchen_plans import Placed
@@ -32,6 +31,7 @@ from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, one_of
+from kitchen_suite.types import Array
 
 VARIED: tuple[ParameterVariation, ...] = (
     around("franka/joint_offset", "start", seen=0.05, held_out=0.1),

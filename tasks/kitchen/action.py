@@ -10,13 +10,13 @@ from dm_env import specs
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
 from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import FRANKA_PARTS
 from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.types import Array
 
 PHYSICS_TIMESTEP = 0.002  # [s]
 CONTROL_TIMESTEP = 0.08  # [s]

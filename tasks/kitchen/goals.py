@@ -10,12 +10,12 @@ from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities import KITCHEN_FRANKA, Scene
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import JOINT_NAMES, in_observed_order
 from kitchen_suite.names import DEFAULT_TASKS, FURTHER_TASKS, REVERSES
 from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
+from kitchen_suite.types import Array
 
 # Positions of the joints by prop.
 _OBJECTS = {

@@ -9,7 +9,6 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
@@ -19,6 +18,7 @@ from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, TaskDraw, counted_in_order, next_in_turn
 from kitchen_suite.tasks.shaping import REWARDS, Shares
 from kitchen_suite.tasks.terms import Observation, Transition
+from kitchen_suite.types import Array
 
 # Names of the terms of the sparse reward, which follow from the completions and are not saved.
 _SPARSE = REWARDS["sparse"].keys()

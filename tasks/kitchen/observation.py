@@ -10,13 +10,13 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities import Scene
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.sensors import SceneIndices
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, end_to_end
+from kitchen_suite.types import Array
 
 # Amplitudes of the noise [rad, m, rad/s, m/s], 0.1 for the robot. The reference has them from a table for another
 # scene, hence no pattern.

@@ -7,10 +7,10 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.kitchen.observation import ROUNDING
 from kitchen_suite.tasks.orders import REQUESTED
 from kitchen_suite.tasks.records import Completions, Metrics, Records
+from kitchen_suite.types import Array
 
 
 class KitchenRecords(Records):

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.orders import (
     REQUESTED,
@@ -23,6 +22,7 @@ from kitchen_suite.tasks.orders import (
     requested_order,
 )
 from kitchen_suite.tasks.requests import Requests
+from kitchen_suite.types import Array
 
 GOAL_STATES = "goal_states"  # Option of a reset and observation: states of the kitchen that are wanted.
 START_STATE = "start_state"  # Option of a reset: state of the kitchen at the start.

@@ -5,9 +5,9 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.goals import GoalSet, Success
 from kitchen_suite.tasks.shaping import Shares, covered
+from kitchen_suite.types import Array
 
 
 class Shaping(NamedTuple):

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from kitchen_suite import checks
 from kitchen_suite.entities import Scene
 from kitchen_suite.entities.arms import FRANKA
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.names import DEFAULT_TASKS, KITCHEN_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.end_effector import EndEffectorMode
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
@@ -30,6 +29,7 @@ from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE
+from kitchen_suite.types import Array
 
 
 class KitchenTask(SuiteTask):

@@ -5,7 +5,6 @@ from collections.abc import Callable, Collection
 import numpy as np
 from dm_control import mjcf
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.names import DEFAULT_TASKS
@@ -13,6 +12,7 @@ from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import Bands, ParameterVariation, around, between, one_of
+from kitchen_suite.types import Array
 
 # Whether each of the default tasks is done at the start; without effect on those that move the same joints as
 # requested ones, and on those that would be in their way.

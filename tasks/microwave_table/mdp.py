@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.sensors import FeatureSensors
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, RewardTerm, Transition, end_to_end
+from kitchen_suite.types import Array
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]

@@ -9,9 +9,9 @@ from dm_control import mjcf
 from numpy.typing import ArrayLike
 
 from kitchen_suite.entities import OpenCabinetScene
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.sensors import FeatureSensors
 from kitchen_suite.tasks.terms import end_to_end
+from kitchen_suite.types import Array
 
 _HOLD_DISTANCE = 0.03  # Greatest distance of the hand from the handle that it holds [m].
 

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks.control_modes.joints import JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.open_cabinet.features import FEATURES_SIZE, Features
 from kitchen_suite.tasks.terms import end_to_end
+from kitchen_suite.types import Array
 
 LIMIT = 5.0  # Observations are clipped to [-LIMIT, LIMIT].
 

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.arms.franka import PAD_HALF_SIZE
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN
 from kitchen_suite.tasks.open_cabinet.features import Features, scalars
 from kitchen_suite.tasks.terms import RewardTerm
+from kitchen_suite.types import Array
 
 # Names of the terms in order.
 TERMS = ("approach", "orientation", "grasp", "opening", "straddling", "effort", "termination")

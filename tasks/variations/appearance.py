@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from kitchen_suite.entities.appearance import FRANKA, camera_prefix
-from kitchen_suite.entities.assets import Vector
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
+from kitchen_suite.types import Vector
 
 APPEARANCE = "appearance"
 CAMERA = "camera"

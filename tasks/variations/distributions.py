@@ -14,8 +14,8 @@ from dm_control.composer.variation import distributions
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import ParameterType
+from kitchen_suite.types import Array
 
 Variation = Any
 

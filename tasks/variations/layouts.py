@@ -7,11 +7,11 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes import inverse_kinematics
 from kitchen_suite.tasks.simulation import as_columns
+from kitchen_suite.types import Array
 
 CLEARANCE_TOLERANCE = 0.004  # Depth by which two geoms may be deeper in each other than in the default layout [m].
 

@@ -10,10 +10,10 @@ from dm_control import mjcf
 from dm_control.composer import variation
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.tasks.variations import distributions
 from kitchen_suite.tasks.variations.distributions import Variation
+from kitchen_suite.types import Array
 
 # Fields of MuJoCo's model that `mj_setConst` computes from masses, inertias and poses.
 DERIVED_FIELDS = (

@@ -10,13 +10,13 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.variations import distributions
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS, ParameterVariation, Variation
 from kitchen_suite.tasks.variations.layouts import LayoutCheck
 from kitchen_suite.tasks.variations.randomizer import Draw, Randomizer, Values
+from kitchen_suite.types import Array
 
 START_DISTANCE = 1.2  # No requested task starts nearer to its goal than this multiple of its threshold.
 MAX_REFUSALS = 20  # Number of refusals in a reset after which the layout is the default one.

@@ -10,7 +10,7 @@ from helpers.errors import refused
 from kitchen_suite import suite
 from kitchen_suite.entities import Kettle, KitchenArena, Microwave, assets
 from kitchen_suite.environment import Environment
-from kitchen_suite.environment.environment import make_random_state
+from kitchen_suite.environment.random_states import make_random_state
 
 NAN, INF = float("nan"), float("inf")
 

@@ -6,7 +6,7 @@ import inspect
 import pytest
 
 from kitchen_suite.environment import edits, environment
-from kitchen_suite.environment.composer import PRIVATE_NAMES, check_private_names, names_of
+from kitchen_suite.environment.private_names import PRIVATE_NAMES, check_private_names, names_of
 
 
 def test_the_table_lists_the_private_names_that_the_environment_uses():

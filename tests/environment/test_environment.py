@@ -14,7 +14,7 @@ from helpers.sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.environment import Environment
-from kitchen_suite.environment.environment import legacy_generator, make_random_state
+from kitchen_suite.environment.random_states import legacy_generator, make_random_state
 from kitchen_suite.tasks import KitchenTask
 
 

@@ -13,11 +13,11 @@ from dm_control import composer
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.policies.experts.encoders import ActionEncoder
 from kitchen_suite.policies.experts.skills import Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks.control_modes.mode import ActionMode
+from kitchen_suite.types import Array
 
 _MAX_HALTED_STEPS = 12  # A trajectory that the arm does not follow is halted, and fails after this many control steps.
 

@@ -10,7 +10,6 @@ import mink
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN
 from kitchen_suite.policies.experts.trajectories import HandSpeedLimits, JointSpeedLimits
@@ -19,6 +18,7 @@ from kitchen_suite.tasks.control_modes import end_effector
 from kitchen_suite.tasks.control_modes import joints as joint_modes
 from kitchen_suite.tasks.control_modes.mode import ActionMode
 from kitchen_suite.tasks.kitchen import action as kitchen_action
+from kitchen_suite.types import Array
 
 # Distances of the hand, and of a joint, from the target beyond which they do not follow [m, rad; rad].
 _MAX_DISTANCE, _MAX_ANGLE, _MAX_LAG = 0.1, 0.5, 0.25

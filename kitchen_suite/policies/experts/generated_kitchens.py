@@ -13,7 +13,6 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.assets import Array, Vector
 from kitchen_suite.entities.designs import KitchenDesign
 from kitchen_suite.entities.fixture_designs import CLEARANCE
 from kitchen_suite.entities.fixtures import BAR_RADIUS, Part
@@ -35,6 +34,7 @@ from kitchen_suite.tasks.generated_kitchens.mdp import PARTS, SLOT_PARTS, SLOT_S
 from kitchen_suite.tasks.generated_kitchens.task import GeneratedKitchenTask
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
 from kitchen_suite.tasks.kitchen.goals import GOALS
+from kitchen_suite.types import Array, Vector
 
 # Openings at which the expert leaves a part, some noise beyond those that count.
 _OPENED, _SHUT = mdp.OPEN + 0.02, mdp.CLOSED - 0.02

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 from dm_control import mjcf
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.robot import Robot, RobotSpec
 from kitchen_suite.entities.scenes import SiteArena
+from kitchen_suite.types import Array
 
 ARM = slice(0, 7)  # The Franka's arm's joints among the robot's; the fingers' joints follow.
 

@@ -16,7 +16,6 @@ from kitchen_suite import checks
 from kitchen_suite.entities import KitchenArena, Scene, build_kitchen_scene
 from kitchen_suite.entities.arms import FRANKA, robot_spec
 from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.robot import RobotSpec
 from kitchen_suite.policies.experts import kitchen_skills
@@ -33,6 +32,7 @@ from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, THRESHOLD, build_goals, initial_qpos
 from kitchen_suite.tasks.kitchen.observation import SIZE, Parts
 from kitchen_suite.tasks.kitchen.task import KitchenTask
+from kitchen_suite.types import Array
 
 # A completed task is repeated if its distance grows beyond this multiple of the threshold; doors spring back a little.
 _UNDONE = 1.2

@@ -8,7 +8,6 @@ from types import MappingProxyType
 import mink
 import numpy as np
 
-from kitchen_suite.entities.assets import Array, Vector
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.policies.experts.skills import (
     CLOSED,
@@ -21,6 +20,7 @@ from kitchen_suite.policies.experts.skills import (
     Revolute,
     Skill,
 )
+from kitchen_suite.types import Array, Vector
 
 # Directions in the world; the robot faces y.
 RIGHT: Vector = (1.0, 0.0, 0.0)

@@ -8,7 +8,6 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite.entities import MicrowaveTableArena, build_microwave_table_scene
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.policies.experts import skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
@@ -20,6 +19,7 @@ from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.microwave_table.mdp import OPEN_ANGLE, PARTS, SIZE
 from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES, GOAL
+from kitchen_suite.types import Array
 
 # The hand at the grasp: that of the start, turned about its axis by a quarter, which moves the last joint alone.
 _GRASP = HandOrientation(approach=(0.866, 0.0, -0.5), spread=(0.0, 1.0, 0.0))

@@ -11,7 +11,6 @@ import numpy as np
 
 from kitchen_suite import checks
 from kitchen_suite.entities import PANDA, OpenCabinetArena, Robot, SiteArena
-from kitchen_suite.entities.assets import Array, Vector
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
@@ -24,6 +23,7 @@ from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, SLICES
 from kitchen_suite.tasks.open_cabinet.reward import SUCCESS_OPENING
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
+from kitchen_suite.types import Array, Vector
 
 # Speeds of the hand towards the handle and while pulling [m/s]; at higher speeds the lower handle slips out.
 _APPROACH_SPEED, _PULL_SPEED = 0.18, 0.2

@@ -7,7 +7,7 @@ import mink
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kitchen_suite.entities.assets import Array, Vector
+from kitchen_suite.types import Array, Vector
 
 # Opening of each finger [m].
 OPEN, CLOSED = 0.04, 0.0

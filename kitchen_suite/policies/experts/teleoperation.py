@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.arms import FRANKA
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.policies.experts.base import Expert, expert_class
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
+from kitchen_suite.types import Array
 
 # Distance from the hand at which a commanded position is held, so that the arm stops soon after the last command [m].
 _LEASH = 0.15

@@ -8,9 +8,9 @@ from typing import Self
 import mink
 import numpy as np
 
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.policies.experts.kinematics import ArmKinematics
 from kitchen_suite.policies.experts.skills import OPEN, UNLIMITED, ArcMove, Move, Revolute, Skill
+from kitchen_suite.types import Array
 
 # Spacing of the poses on straight lines [m] and arcs [rad] for which inverse kinematics is solved. Between them the
 # joints are interpolated linearly, which keeps the site within a millimetre of the line.

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
-from kitchen_suite.entities.assets import Array
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.policies.experts.kitchen import KitchenExpert
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.goals import GoalSet, Thresholds
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
+from kitchen_suite.types import Array
 
 _REPERTOIRES = {"seven": DEFAULT_TASKS, "twenty": tuple(GOALS)}  # Repertoires by name.
 

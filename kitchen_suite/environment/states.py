@@ -1,0 +1,59 @@
+"""The state of the physics: what of it is saved, and what sleeps in it."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.entities.assets import VISUAL_BODY
+
+PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+"""The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""
+
+
+# Key of states: what sleeps, where objects may.
+ASLEEP = "asleep"
+
+
+def shared_elements(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """Returns which elements of MuJoCo's state vector a scene has with and without visuals.
+
+    Forces on bodies that hold only visual geoms are not among them: a scene without visuals has no such bodies.
+    """
+    is_shared = np.ones(mujoco.mj_stateSize(model, PHYSICS_STATE), bool)
+    # Six numbers for each body, after the parts of the lower flags: MuJoCo concatenates in the flags' order.
+    start = mujoco.mj_stateSize(model, int(PHYSICS_STATE) & (int(mujoco.mjtState.mjSTATE_XFRC_APPLIED) - 1))
+    forces = is_shared[start : start + 6 * model.nbody].reshape(model.nbody, 6)
+    forces[:] = [[not model.body(i).name.endswith(VISUAL_BODY)] for i in range(model.nbody)]
+    return is_shared
+
+
+def check_sleep(tree_asleep: NDArray[np.int32]) -> None:
+    """Raises a ValueError unless MuJoCo can have written such a `tree_asleep`.
+
+    Trees that sleep together name each other in a circle; the others count the physics steps until they may sleep.
+    """
+    (asleep,) = np.nonzero(tree_asleep >= 0)
+    if sorted(tree_asleep[asleep]) != asleep.tolist() or tree_asleep.min() < -1 - mujoco.mjMINAWAKE:
+        raise ValueError(f"state[{ASLEEP!r}] names no trees that sleep together: {checks.shown(tree_asleep.tolist())}")
+
+
+def write_sleep(model: mujoco.MjModel, data: mujoco.MjData, tree_asleep: NDArray[np.int32]) -> None:
+    """Sets which kinematic trees sleep, and what MuJoCo derives from it; `mj_setState` wakes all.
+
+    `tree_asleep` `(ntree,)` is as MuJoCo's field of this name: not negative where a tree sleeps.
+    """
+    data.tree_asleep[:] = tree_asleep
+    data.tree_awake[:] = tree_asleep < 0
+    moves = model.body_treeid >= 0
+    data.body_awake[moves] = data.tree_awake[model.body_treeid[moves]]
+    sleeps = data.body_awake == int(mujoco.mjtSleepState.mjSASLEEP)
+    is_child = np.arange(model.nbody) > 0
+    (bodies,) = np.nonzero(~sleeps)
+    (children,) = np.nonzero(is_child & ~sleeps[model.body_parentid])
+    (dofs,) = np.nonzero(~sleeps[model.dof_bodyid])
+    data.body_awake_ind[: bodies.size] = bodies
+    data.parent_awake_ind[: children.size] = children
+    data.dof_awake_ind[: dofs.size] = dofs
+    data.ntree_awake, data.nv_awake = int(data.tree_awake.sum()), dofs.size
+    data.nbody_awake, data.nparent_awake = bodies.size, children.size
