@@ -65,6 +65,32 @@ class TaskDraw:
         return order_of(chosen[np.argsort(place[chosen], kind="stable")], weights.size)
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Ordering:
+    """Which of its tasks an episode asks for, and in what sequence they count.
+
+    Attributes:
+      draw: how many of the tasks an episode asks for; None if every episode asks for all, which observations and infos
+        then do not mention.
+      in_turn: whether the next of them is requested only once the one before has been completed.
+      in_order: whether a task counts only once those before it have been completed.
+    """
+
+    draw: TaskDraw | None = None
+    in_turn: bool = False
+    in_order: bool = False
+
+    @classmethod
+    def make(cls, *, tasks_per_episode: object, tasks_in_turn: bool, tasks_in_order: bool, count: int) -> Self:
+        """Returns the ordering of `count` tasks; the other arguments are those of `KitchenTask`."""
+        if checks.boolean(tasks_in_turn, "tasks_in_turn") and tasks_per_episode is None:
+            raise ValueError("tasks_in_turn=True needs tasks_per_episode, the number of tasks that an episode asks for")
+        if checks.boolean(tasks_in_order, "tasks_in_order") and tasks_per_episode is not None:
+            raise ValueError("tasks_in_order=True and tasks_per_episode exclude each other: give one of them")
+        draw = None if tasks_per_episode is None else TaskDraw.make(tasks_per_episode, count)
+        return cls(draw=draw, in_turn=tasks_in_turn, in_order=tasks_in_order)
+
+
 def order_of(indices: Sequence[int] | NDArray[np.int64], count: int) -> NDArray[np.int64]:
     """Returns the order `(count,)` that asks for the tasks of some indices, in their sequence."""
     order = np.full(count, -1)

@@ -154,7 +154,7 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
             STEP_COMPLETIONS: task.step_task_completions,
             EPISODE_COMPLETIONS: task.episode_task_completions,
             **({VARIATION_SPLIT: task.variations.split} if self.varies else {}),
-            **({REQUESTED: task.requested_tasks} if task.mdp.task_draw else {}),
+            **({REQUESTED: task.requested_tasks} if task.mdp.ordering.draw else {}),
         }
         return {
             **(names if self.info_format == "lists" else {}),

@@ -82,7 +82,7 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return [tree.map_structure(operator.itemgetter(i), arrays) for i in range(self.num_envs)]
 
     def _instructions_of_episodes(self) -> Sequence[tuple[str, ...]] | None:
-        if self._mdp.task_draw is None:
+        if self._mdp.ordering.draw is None:
             return None
         orders = self._mdp.current_order(self._episodes.state.mdp_state)
         return [self._task.requests.instructions_in(order) for order in orders]
@@ -106,6 +106,6 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
             EPISODE_COMPLETIONS: [[*completed(row.tobytes())] for row in progress.completion_steps],
             **({VARIATION_SPLIT: (env.variation_split,) * count} if env.varies else {}),
         }
-        if self._mdp.task_draw:
+        if self._mdp.ordering.draw:
             lists[REQUESTED] = [self._task.requests.tasks_in(order) for order in state.requested_order]
         return {key: np.fromiter(names, object, count) for key, names in lists.items()}

@@ -50,7 +50,7 @@ def reward(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) -> Arr
     under `reward_state/...`. Terms that do not follow the goals, such as a user's own, are read under `reward/...`.
     """
     infos = _broadcast(info, np.broadcast_shapes(achieved.shape, desired.shape)[:-1])
-    requested = _requested(infos, mdp, ATTEMPTED if mdp.tasks_in_turn else REQUESTED)
+    requested = _requested(infos, mdp, ATTEMPTED if mdp.ordering.in_turn else REQUESTED)
     if mdp.sensors.measures_hand:
         shaping = _shaping(infos, mdp.goals)
         shares = task_shares(shaping, success=mdp.success, achieved=achieved, desired=desired, mask=requested)
@@ -58,7 +58,7 @@ def reward(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) -> Arr
     else:
         rewarded = _listed(infos, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS), elsewhere=True)
         within = _within(achieved, desired, mdp) & rewarded
-        if mdp.tasks_in_order:
+        if mdp.ordering.in_order:
             within = counted_in_order(within, ~rewarded)
         step = RelabelledStep(completions=within & requested)
     terms = {
@@ -85,7 +85,7 @@ def terminated(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) ->
 
 def _requested(infos: NDArray[np.object_], mdp: KitchenMDP, key: str) -> NDArray[np.bool_]:
     """Returns which tasks `(..., n)` infos list under a key; all where one does not, and without draws."""
-    if mdp.task_draw is None:
+    if mdp.ordering.draw is None:
         return np.full((*infos.shape, len(mdp.goals.tasks)), True)
     return _listed(infos, mdp.goals.tasks, (key,), elsewhere=True)
 

@@ -15,7 +15,7 @@ from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSenso
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.tasks.kitchen.reward import Shaping, task_shares
 from kitchen_suite.tasks.mdp import MDP
-from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, TaskDraw, counted_in_order, next_in_turn
+from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, Ordering, counted_in_order, next_in_turn
 from kitchen_suite.tasks.shaping import REWARDS, Shares
 from kitchen_suite.tasks.terms import Observation, Transition
 from kitchen_suite.types import Array
@@ -133,10 +133,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       success: decides which tasks are complete.
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
       remove_task_when_completed: whether a task is rewarded only once.
-      task_draw: how many of the tasks an episode asks for; None if every episode asks for all, which observations and
-        infos then do not mention.
-      tasks_in_turn: whether the next of them is requested only once the one before has been completed.
-      tasks_in_order: whether a task counts only once those before it have been completed.
+      ordering: which of the tasks an episode asks for, and in what sequence they count.
       max_task_steps: control steps without a completion after which an episode truncates; None for no limit.
       goal_states: number of goal states that are observed.
     """
@@ -148,9 +145,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     success: Success
     terminate_on_tasks_completed: bool
     remove_task_when_completed: bool
-    task_draw: TaskDraw | None = None
-    tasks_in_turn: bool = False
-    tasks_in_order: bool = False
+    ordering: Ordering
     max_task_steps: int | None = None
     goal_states: int = 0
 
@@ -215,14 +210,14 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def current_order(self, state: KitchenState) -> NDArray[np.int64]:
         """Returns the order `(..., n)` of the tasks requested at present."""
         order = state.requested_order
-        if not self.tasks_in_turn:
+        if not self.ordering.in_turn:
             return order
         return np.where(next_in_turn(order, state.progress.completed), order, -1)
 
     def attempted(self, state: KitchenState) -> NDArray[np.bool_]:
         """Returns which tasks `(..., n)` the next step may complete, or have been completed before."""
         current = self.current_mask(state)
-        return current | state.progress.completed if self.tasks_in_turn else current
+        return current | state.progress.completed if self.ordering.in_turn else current
 
     def start_shaping(self, reading: KitchenReading) -> Shaping | None:
         """Returns the state of a dense reward at a reset; None for the sparse one."""
@@ -236,7 +231,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         positions, achieved, hand_distances = reading
         attempted = self.attempted(state)
         within = self.success.within(achieved) & attempted
-        if self.tasks_in_order:
+        if self.ordering.in_order:
             within = counted_in_order(within, state.progress.completed)
         after = KitchenState(
             noise=self.noise_scale * draws,
@@ -253,7 +248,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         if hand_distances is not None:
             shaping, before = state.shaping, state.progress
             assert shaping is not None
-            if self.tasks_in_turn:
+            if self.ordering.in_turn:
                 shaping = shaping.restarted(before.advanced, state.achieved, self.goals)
             shaping = shaping.after(state.achieved, before.completed, hand_distances, self.goals)
             after = after._replace(shaping=shaping)
@@ -284,7 +279,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         terms = {}
         if self.goal_states:
             terms[GOAL_STATES] = Observation(lambda simulation, state: state.goal_states)
-        if self.task_draw is not None:
+        if self.ordering.draw is not None:
             terms[REQUESTED] = Observation(
                 lambda simulation, state: self.current_mask(state).astype(np.float64), minimum=0.0, maximum=1.0
             )
@@ -331,7 +326,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def info(self, state: KitchenState) -> dict[str, NDArray]:
         """Returns the infos on the tasks: fresh arrays, `(...)` or, in configured order, `(..., n)`.
 
-        With a dense reward also those on its terms and its state; with `task_draw` on requested tasks.
+        With a dense reward also those on its terms and its state; where episodes draw their tasks on requested ones.
         """
         progress = state.progress
         infos = {
@@ -342,9 +337,9 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             "task_distances": state.distances.copy(),
             "is_success": self.all_completed(state),
         }
-        if self.task_draw is not None:
+        if self.ordering.draw is not None:
             infos |= {f"{REQUESTED}_mask": state.requested_order >= 0, REQUESTED_ORDER: state.requested_order.copy()}
-        if self.tasks_in_turn:
+        if self.ordering.in_turn:
             # A step that completes a task has not attempted the next one.
             advanced = progress.advanced[..., np.newaxis]
             infos[f"{ATTEMPTED}_mask"] = np.where(advanced, progress.completed, self.attempted(state))

@@ -23,7 +23,7 @@ from kitchen_suite.tasks.kitchen.records import KitchenRecords
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, TaskRequests
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.observables import shown_at
-from kitchen_suite.tasks.orders import REQUESTED, TaskDraw
+from kitchen_suite.tasks.orders import REQUESTED, Ordering
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
@@ -123,10 +123,6 @@ class KitchenTask(SuiteTask):
           ValueError: an unknown, repeated or missing name, two tasks that exclude each other, a goal of the wrong
             length, or a number that is negative or not finite.
         """
-        if checks.boolean(tasks_in_turn, "tasks_in_turn") and tasks_per_episode is None:
-            raise ValueError("tasks_in_turn=True needs tasks_per_episode, the number of tasks that an episode asks for")
-        if checks.boolean(tasks_in_order, "tasks_in_order") and tasks_per_episode is not None:
-            raise ValueError("tasks_in_order=True and tasks_per_episode exclude each other: give one of them")
         if max_task_steps is not None:
             checks.integer(max_task_steps, "max_task_steps", minimum=1)
         checks.integer(goal_states, "goal_states", minimum=0, maximum=16)
@@ -156,14 +152,17 @@ class KitchenTask(SuiteTask):
             success=make_success(goal_set, scene, default=THRESHOLD, **self.success_options),
             terminate_on_tasks_completed=checks.boolean(terminates, "terminate_on_tasks_completed"),
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
-            task_draw=None if tasks_per_episode is None else TaskDraw.make(tasks_per_episode, len(goal_set.tasks)),
-            tasks_in_turn=tasks_in_turn,
-            tasks_in_order=tasks_in_order,
+            ordering=Ordering.make(
+                tasks_per_episode=tasks_per_episode,
+                tasks_in_turn=tasks_in_turn,
+                tasks_in_order=tasks_in_order,
+                count=len(goal_set.tasks),
+            ),
             max_task_steps=max_task_steps,
             goal_states=goal_states,
         )
         super().__init__(scene, mdp, **observables)
-        self.requests = TaskRequests(goal_set, mdp.task_draw, goal_states, mdp.initial_qpos.size)
+        self.requests = TaskRequests(goal_set, mdp.ordering.draw, goal_states, mdp.initial_qpos.size)
         handles = (goal.handle_in(scene) for goal in goal_set.goals)
         self.records = KitchenRecords(self)
         self.vary(
@@ -187,7 +186,7 @@ class KitchenTask(SuiteTask):
             goal_elements=tuple(objects),
             goal_place=state_size + goal_size - len(objects) if mdp.goal_states else None,
             tasks=mdp.goals.tasks,
-            observes_requests=mdp.task_draw is not None,
+            observes_requests=mdp.ordering.draw is not None,
             keys=("achieved_goal", "desired_goal", GOAL_STATES, REQUESTED),
         )
 
@@ -310,7 +309,7 @@ class KitchenTask(SuiteTask):
         goals = self.mdp.goals
         tasks = {"tasks": ", ".join(goals.tasks), "desired": goals.desired.copy()}
         state = as_dict(self.state)
-        if self.mdp.task_draw is None:
+        if self.mdp.ordering.draw is None:
             del state["requested_order"]
         return {**tasks, **state, **self.requests.saved()}
 
@@ -331,8 +330,8 @@ def _policy_names(mdp: KitchenMDP, reward: str, *, sees: bool) -> tuple[str, ...
     """Returns the names of trained policies, the most specific one first; `sees`: whether pictures are observed."""
     tasks = mdp.goals.tasks
     own = "seven" if tasks == DEFAULT_TASKS else "_".join(tasks).replace(" ", "_")
-    if mdp.task_draw is not None:
-        own += "_in_turn" if mdp.tasks_in_turn or mdp.task_draw.most == 1 else "_random"
+    if mdp.ordering.draw is not None:
+        own += "_in_turn" if mdp.ordering.in_turn or mdp.ordering.draw.most == 1 else "_random"
     own += "" if reward == "sparse" else f"_{reward}"
     general = (*(("pixels",) if sees else ()), "kitchen") if set(tasks) <= set(DEFAULT_TASKS) else ()
     return (own, *general)

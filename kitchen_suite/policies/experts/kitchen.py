@@ -141,8 +141,8 @@ class KitchenExpert(Expert):
             "goals": task.goals,
             **task.success_options,
             "extra_observables": tuple(task.extras.by_name) if task.extras else (),
-            "observes_requests": task.mdp.task_draw is not None,
-            "in_order": task.mdp.tasks_in_order,
+            "observes_requests": task.mdp.ordering.draw is not None,
+            "in_order": task.mdp.ordering.in_order,
             "robot": task.robot.specification,
         }
 

@@ -76,7 +76,7 @@ class UndirectedExpert(KitchenExpert):
 
     @classmethod
     def _task_settings(cls, task: KitchenTask) -> dict[str, Any]:
-        tasks = () if task.mdp.task_draw else task.mdp.goals.tasks
+        tasks = () if task.mdp.ordering.draw else task.mdp.goals.tasks
         return {**super()._task_settings(task), "tasks": tasks, "observes_requests": False, "in_order": False}
 
     def reset(self, generator: np.random.Generator) -> None:
