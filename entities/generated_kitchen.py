@@ -64,7 +64,7 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
     """Builds the kitchen of a design.
 
     Args:
-      design: as of `KitchenDesign.make`.
+      design: see `KitchenDesign.make`.
       split: `train` or `test`, of which the number is.
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
     """

@@ -313,7 +313,7 @@ class GeneratedKitchenArena(KitchenArena):
         return frame
 
     def add_box(self, name: str, low: ArrayLike, high: ArrayLike, **attributes: Any) -> None:
-        """Adds a box between two corners [m], which only pictures show; attributes are its colour or material."""
+        """Adds a box between two corners [m], which only images show; attributes are its colour or material."""
         pos, size = np.add(low, high) / 2, np.subtract(high, low) / 2
         shape = {"type": "box", "pos": pos, "size": size, "group": 1}
         self._mjcf_root.worldbody.add("geom", name=name, contype=0, conaffinity=0, mass=0, **shape, **attributes)
@@ -334,7 +334,7 @@ def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False, robot: str
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
       sleep: whether objects at rest are left out of the physics until something touches them, which is faster still;
         trajectories are then nearly the same (see `SiteArena.enable_sleep`).
-      robot: `franka`, or another arm as of `arms.make_robot`, with which the options of the physics are others.
+      robot: `franka`, or another arm, see `arms.make_robot`, with which the options of the physics are others.
     """
     arena, arm = KitchenArena(visuals=visuals), make_robot(robot, visuals=visuals)
     if isinstance(arm, Arm):
