@@ -90,14 +90,14 @@ def add_variants(root: mjcf.RootElement, surfaces: Iterable[Surface]) -> None:
     while no parameter is set.
     """
     materials = {material.full_identifier for material in root.find_all("material")}
-    pictures = {_source(texture): texture for texture in root.find_all("texture") if texture.file is not None}
+    loaded = {_source(texture): texture for texture in root.find_all("texture") if texture.file is not None}
     for surface in surfaces:
         if materials.isdisjoint(surface.materials):
             continue
         for name, texture in zip(surface.variants, surface.textures, strict=True):
             element = root.asset.add("texture", name=name, type=surface.kind, **texture.texture)
             # A renderer takes long to load large textures: of equal ones from a file, one is enough.
-            if element.file is not None and (first := pictures.setdefault(_source(element), element)) is not element:
+            if element.file is not None and (first := loaded.setdefault(_source(element), element)) is not element:
                 element.remove()
                 element = first
             root.asset.add("material", name=name, texture=element, rgba=(*surface.color, 1), **texture.material)
@@ -168,7 +168,7 @@ def _texture(surface: Surface) -> ParameterType:
     )
 
 
-def _picture(name: str, file: str, **material: Any) -> Texture:
+def _image_texture(name: str, file: str, **material: Any) -> Texture:
     return Texture(name=name, texture={"file": f"{_FOLDER}/{file}.png"}, material=material)
 
 
@@ -198,10 +198,10 @@ _FLOOR = Surface(
     materials=("tiles",),
     kind="2d",
     textures=(
-        _picture("wood", "wood1", **_per_metre(1)),
-        _picture("grouted_tiles", "white_marble_tile", **_per_metre(1.25)),
+        _image_texture("wood", "wood1", **_per_metre(1)),
+        _image_texture("grouted_tiles", "white_marble_tile", **_per_metre(1.25)),
         _checks("checks", 0.7, **_per_metre(1.5)),
-        _picture("concrete", "metal1", **_per_metre(0.5)),
+        _image_texture("concrete", "metal1", **_per_metre(0.5)),
     ),
 )
 # Surfaces that arenas share: of the robot, of the microwave, and of a room of floor and walls.
@@ -220,14 +220,14 @@ MICROWAVE = (
 )
 _WALL_TEXTURES = (
     _speckles("plaster", 0.3, 0.93, **_MATT),
-    _picture("concrete", "metal1", **_MATT),
-    _picture("marble", "marble1", **_MATT),
-    _picture("mosaic", "tile1", **_MATT),
+    _image_texture("concrete", "metal1", **_MATT),
+    _image_texture("marble", "marble1", **_MATT),
+    _image_texture("mosaic", "tile1", **_MATT),
 )
-_CONCRETE = _picture("concrete", "metal1", **_SATIN)
-_MARBLE = _picture("marble", "marble1", **_SATIN)
+_CONCRETE = _image_texture("concrete", "metal1", **_SATIN)
+_MARBLE = _image_texture("marble", "marble1", **_SATIN)
 _LAMINATE = _speckles("laminate", 0.2, 0.85, **_SATIN)
-_FRONT_TEXTURES = (_picture("wood", "wood1", **_SATIN), _CONCRETE, _LAMINATE, _MARBLE)
+_FRONT_TEXTURES = (_image_texture("wood", "wood1", **_SATIN), _CONCRETE, _LAMINATE, _MARBLE)
 
 KITCHEN = (
     _FLOOR,
@@ -238,10 +238,10 @@ KITCHEN = (
         color=(1, 1, 1),
         materials=("counter/marble",),
         textures=(
-            _picture("wood", "wood1", **_SATIN),
+            _image_texture("wood", "wood1", **_SATIN),
             _speckles("granite", 0.3, 0.7, specular=0.4, shininess=0.6),
-            _picture("concrete", "metal1", specular=0.1, shininess=0.2),
-            _picture("mosaic", "tile1", specular=0.3, shininess=0.5),
+            _image_texture("concrete", "metal1", specular=0.1, shininess=0.2),
+            _image_texture("mosaic", "tile1", specular=0.3, shininess=0.5),
         ),
     ),
     Surface(
@@ -263,7 +263,7 @@ KITCHEN = (
         materials=("kettle/wood",),
         textures=(
             Texture(name="plastic", texture=_white(8), material={"specular": 0.5, "shininess": 0.5}),
-            _picture("metal", "metal1", specular=0.8, shininess=0.8),
+            _image_texture("metal", "metal1", specular=0.8, shininess=0.8),
             _speckles("cork", 0.4, 0.6, specular=0.1, shininess=0.1),
         ),
     ),
@@ -281,9 +281,9 @@ ROOM = (
         kind="2d",
         textures=(
             _checks("wallpaper", 0.93, **_per_metre(2, **_MATT)),
-            _picture("concrete", "metal1", **_per_metre(0.5, **_MATT)),
-            _picture("panelling", "wood1", **_per_metre(0.5, **_MATT)),
-            _picture("marble", "marble1", **_per_metre(0.5, **_MATT)),
+            _image_texture("concrete", "metal1", **_per_metre(0.5, **_MATT)),
+            _image_texture("panelling", "wood1", **_per_metre(0.5, **_MATT)),
+            _image_texture("marble", "marble1", **_per_metre(0.5, **_MATT)),
         ),
     ),
 )
@@ -336,7 +336,7 @@ def light_parameters(root: mjcf.RootElement) -> tuple[Parameter, ...]:
 
 
 def camera_parameters(root: mjcf.RootElement) -> tuple[Parameter, ...]:
-    """Returns offset, rotation and vertical field of view of all cameras of a scene; `root` as of `light_parameters`.
+    """Returns offset, rotation and vertical field of view of all cameras of a scene; for `root` see `light_parameters`.
 
     Their names are such as `camera/left_offset` for a camera `left` of the arena, and `franka/wrist_camera_offset` for
     a camera `wrist` of the robot.

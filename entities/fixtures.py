@@ -57,7 +57,7 @@ DOOR_OPENING = 0.9  # Opening at which a hinged door counts as wide open [rad].
 KNOB_ANGLE = -0.88  # Angle at which a knob counts as on [rad].
 SWITCH_ANGLE = -0.69  # Angle at which a switch counts as on [rad].
 
-_STIFF_FRICTION = (0.99, 0.999, 0.001)  # `solimpfriction` of slides and hinges, as of `cabinet.Cabinet`.
+_STIFF_FRICTION = (0.99, 0.999, 0.001)  # `solimpfriction` of slides and hinges, as in `cabinet.Cabinet`.
 
 # Height of doors' handles in the frame of their fixture, by its level [m].
 _HANDLE_HEIGHTS: Mapping[Level, float] = {"base": -WORKTOP - CORNER, "wall": CORNER, "tall": 0.2}

@@ -65,7 +65,7 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
     """Builds the kitchen of a design.
 
     Args:
-      design: number of a design of the split, from 0, or a design as of `KitchenDesign.make`.
+      design: number of a design of the split, from 0, or a design as in `KitchenDesign.make`.
       split: to which the number belongs, `train` or `test`.
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
     """

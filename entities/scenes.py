@@ -312,7 +312,7 @@ class GeneratedKitchenArena(KitchenArena):
         return frame
 
     def add_box(self, name: str, low: ArrayLike, high: ArrayLike, **attributes: Any) -> None:
-        """Adds a box between two corners [m], which only pictures show; attributes are its colour or material."""
+        """Adds a box between two corners [m], which only images show; attributes are its colour or material."""
         pos, size = np.add(low, high) / 2, np.subtract(high, low) / 2
         shape = {"type": "box", "pos": pos, "size": size, "group": 1}
         self._mjcf_root.worldbody.add("geom", name=name, contype=0, conaffinity=0, mass=0, **shape, **attributes)

@@ -47,19 +47,19 @@ DOMAINS: Mapping[str, Domain] = MappingProxyType(_domains)
 """The domains by name: the suite's own and those of `register`."""
 
 kitchen = KITCHEN.load
-"""Builds a kitchen; arguments as of `Domain.load`, `build_kitchen_scene` and `KitchenTask`.
+"""Builds a kitchen; arguments as in `Domain.load`, `build_kitchen_scene` and `KitchenTask`.
 
 Without `tasks_to_complete` it asks for the seven tasks of FrankaKitchen-v1, as the task `all` does.
 """
 
 kitchens = KITCHENS.load
-"""Builds a generated kitchen; arguments as of `Domain.load`, `build_generated_kitchen` and `GeneratedKitchenTask`."""
+"""Builds a generated kitchen; arguments as in `Domain.load`, `build_generated_kitchen` and `GeneratedKitchenTask`."""
 
 open_cabinet = OPEN_CABINET.load
-"""Builds a cabinet; arguments as of `Domain.load`, `build_open_cabinet_scene` and `OpenCabinetTask`."""
+"""Builds a cabinet; arguments as in `Domain.load`, `build_open_cabinet_scene` and `OpenCabinetTask`."""
 
 microwave_table = MICROWAVE_TABLE.load
-"""Builds a microwave table; arguments as of `Domain.load` and `MicrowaveTableTask`."""
+"""Builds a microwave table; arguments as in `Domain.load` and `MicrowaveTableTask`."""
 
 TASKS_BY_DOMAIN: Mapping[str, tuple[str, ...]]
 """Task names by domain."""

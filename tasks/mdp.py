@@ -77,7 +77,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """
 
     def step(self, state: State, **arguments: Any) -> Any:
-        """Returns the state after one more control step without extra observations; arguments as of `transition`."""
+        """Returns the state after one more control step without extra observations; arguments as in `transition`."""
         return self.rewarded(self.transition(state, **arguments))
 
     @property
@@ -146,7 +146,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
         return ()
 
     def complete(self, state: State) -> NDArray[np.bool_]:
-        """Returns which tasks `(..., n)` have been completed and still are; `n` as of `task_joints`."""
+        """Returns which tasks `(..., n)` have been completed and still are; `n` as in `task_joints`."""
         return np.zeros(0, bool)
 
     def truncates(self, state: State) -> NDArray[np.bool_] | bool:

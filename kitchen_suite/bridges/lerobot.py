@@ -48,7 +48,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Starts an episode in every environment; arguments and errors as of `SuiteVectorEnv.reset`."""
+        """Starts an episode in every environment; arguments and errors as in `SuiteVectorEnv.reset`."""
         # An episode depends on its seed alone, and not on how many steps an environment has made before.
         self.environments.reset_statistics()
         observations, infos = self.environments.reset(seed=seed, options=options)

@@ -313,7 +313,7 @@ class TeleoperatedEpisode(LiveEpisode):
         return is_done
 
     def episode(self, *, with_observations: bool = True) -> EpisodeArrays:
-        """Returns the episode up to now, with at least one control step; argument as of `EpisodeBuffer.arrays`."""
+        """Returns the episode up to now, with at least one control step; argument as in `EpisodeBuffer.arrays`."""
         arrays, seconds = self._rollout.buffer.arrays(with_observations=with_observations), self.steps * self.timestep
         instruction = self._environment.task.instruction
         return EpisodeArrays(index=self.seed, seed=self.seed, arrays=arrays, seconds=seconds, instruction=instruction)

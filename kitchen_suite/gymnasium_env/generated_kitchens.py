@@ -26,5 +26,5 @@ class GeneratedKitchenEnv(SuiteEnv):
     free_camera = {"distance": 2.6, "azimuth": 80.0, "elevation": -25.0, "lookat": np.array([0.0, 0.4, 1.9])}
 
     def __init__(self, design: Design = 0, split: str = "train", **arguments: Any) -> None:
-        """Builds the environment; arguments as of `build_generated_kitchen`, `GeneratedKitchenTask` and `SuiteEnv`."""
+        """Builds the environment; arguments as in `build_generated_kitchen`, `GeneratedKitchenTask` and `SuiteEnv`."""
         super().__init__(design=design, split=split, **arguments)

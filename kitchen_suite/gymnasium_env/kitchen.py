@@ -106,11 +106,11 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
         """Builds the environment.
 
         Args:
-          tasks_to_complete: as of `KitchenTask`; infos and flat goals keep the order.
-          terminate_on_tasks_completed: as of `KitchenTask`.
-          remove_task_when_completed: as of `KitchenTask`.
-          object_noise_ratio: as of `KitchenTask`.
-          robot_noise_ratio: as of `KitchenTask`.
+          tasks_to_complete: see `KitchenTask`; infos and flat goals keep the order.
+          terminate_on_tasks_completed: see `KitchenTask`.
+          remove_task_when_completed: see `KitchenTask`.
+          object_noise_ratio: see `KitchenTask`.
+          robot_noise_ratio: see `KitchenTask`.
           goal_format: `dict` for goals by task; `flat` for the goals of all tasks concatenated in configured order.
           info_format: `lists` for FrankaKitchen-v1's lists of names beside the arrays; `arrays` for arrays of fixed
             shape only, which recorders can stack.
@@ -204,7 +204,7 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
     def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Returns whether a step that led to `achieved_goal` terminates.
 
-        Arguments and errors as of `compute_reward`.
+        Arguments and errors as in `compute_reward`.
         """
         achieved, desired = self._flatten_goals(achieved_goal, desired_goal)
         completed = goal_rewards.terminated(achieved, desired, info, self.composer_task.mdp)
@@ -214,7 +214,7 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Returns whether a step truncates, by the info's `episode_step` and `completion_steps`.
 
-        It does not know a time limit that `gymnasium.make` counts. Arguments and errors as of `compute_reward`.
+        It does not know a time limit that `gymnasium.make` counts. Arguments and errors as in `compute_reward`.
         """
         achieved, _ = self._flatten_goals(achieved_goal, desired_goal)
         shape, task_limit = achieved.shape[:-1], self.composer_task.mdp.max_task_steps

@@ -23,5 +23,5 @@ class FrankaMicrowaveTableEnv(SuiteEnv):
     free_camera = {"distance": 2.2, "azimuth": -35.0, "elevation": -25.0, "lookat": np.array([0.5, 0.1, 0.9])}
 
     def __init__(self, *, action_limit: float | None = 1.0, **arguments: Any) -> None:
-        """Builds the environment; arguments as of `MicrowaveTableTask` and `SuiteEnv`."""
+        """Builds the environment; arguments as in `MicrowaveTableTask` and `SuiteEnv`."""
         super().__init__(action_limit=action_limit, **arguments)

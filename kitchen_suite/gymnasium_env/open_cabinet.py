@@ -23,5 +23,5 @@ class FrankaOpenCabinetEnv(SuiteEnv):
     free_camera = {"distance": 2.2, "azimuth": 125.0, "elevation": -25.0, "lookat": np.array([0.4, 0.0, 0.5])}
 
     def __init__(self, drawer: str = "top", **arguments: Any) -> None:
-        """Builds the environment; arguments as of `OpenCabinetTask`, `build_open_cabinet_scene` and `SuiteEnv`."""
+        """Builds the environment; arguments as in `OpenCabinetTask`, `build_open_cabinet_scene` and `SuiteEnv`."""
         super().__init__(drawer=drawer, **arguments)

@@ -544,7 +544,7 @@ class OriginalEnv(Explained, SuiteEnv):
         return self.robot_env.changed_init_qpos if self._is_handed_out else None
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode, from `init_qpos` where a program has changed it; arguments as of `SuiteEnv.reset`."""
+        """Starts an episode, from `init_qpos` where a program has changed it; arguments as in `SuiteEnv.reset`."""
         start = self._changed_init_qpos
         if start is not None and (options is None or isinstance(options, Mapping)):
             given = options or {}

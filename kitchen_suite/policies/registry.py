@@ -122,7 +122,7 @@ class ExpertSource(PolicySource):
     takes_options, extra = True, "experts"
 
     def __init__(self, kind: str = "expert") -> None:
-        """Prepares to build the experts of a kind, as of `experts.expert_class`."""
+        """Prepares to build the experts of a kind, as in `experts.expert_class`."""
         self._kind = kind
 
     def __call__(self, environment: dm_env.Environment, generator: np.random.Generator, **options: Any) -> Policy:

@@ -140,11 +140,11 @@ class Format:
         return {**given, "obs_type": checks.choice(obs_type, self.obs_types, f"{self.title}'s obs_type")}
 
     def make_plan(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None) -> DatasetPlan:
-        """Plans a dataset; arguments and errors as of `DatasetPlan`."""
+        """Plans a dataset; arguments and errors as in `DatasetPlan`."""
         return pkgutil.resolve_name(self.plan)(dataset_id, spec, count, root)
 
     def find(self, name: str, root: Path | None) -> Source | None:
-        """Opens a dataset, None if there is none; arguments as of `find_source`."""
+        """Opens a dataset, None if there is none; arguments as in `find_source`."""
         return pkgutil.resolve_name(self.source)(name, root) if self.source else None
 
 

@@ -76,7 +76,7 @@ def load_demonstrations(
 
 
 def with_counts(folders: Sequence[Path], counts: Sequence[int]) -> list[tuple[Path, int | None]]:
-    """Returns the number of episodes beside each folder, None for all; arguments as of `load_demonstrations`."""
+    """Returns the number of episodes beside each folder, None for all; arguments as in `load_demonstrations`."""
     if len(counts) not in (0, 1, len(folders)):
         raise ValueError(f"num_demonstrations has {len(counts)} numbers for {len(folders)} folders of demonstrations")
     each = counts if len(counts) == len(folders) else [counts[0] if counts else None] * len(folders)

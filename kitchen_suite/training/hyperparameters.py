@@ -188,7 +188,7 @@ class Hyperparameters:
 
     @classmethod
     def for_domain(cls, domain_name: str, changes: Mapping[str, Any], *, cloning: bool = False) -> "Hyperparameters":
-        """Returns the defaults of a domain, as of `defaults`, with some values changed; see `checked_changes`."""
+        """Returns the defaults of a domain, as in `defaults`, with some values changed; see `checked_changes`."""
         config = checked_changes(cls.defaults(domain_name, cloning=cloning), changes)
         if config.batch_size % config.mini_batches:
             steps = f"{config.batch_size} steps of a batch (num_envs * rollouts)"

@@ -148,7 +148,7 @@ class IQL(ImplicitQ):
 class IDQL(ImplicitQ):
     """IQL with a policy of flow matching, which clones all actions; values choose among several chunks that it draws.
 
-    Source: as of `RankedPolicy`.
+    Source: see `RankedPolicy`.
     """
 
     title = "IDQL"

@@ -109,7 +109,7 @@ class ImitationLearner(RecordingLearner):
     ) -> None:
         """Builds the networks of the class of a method; the seed is also that of the batches.
 
-        The learning rate falls over `num_steps` steps. Requests of `tasks` are inputs; `extras` is as of `_extras`.
+        The learning rate falls over `num_steps` steps. Requests of `tasks` are inputs; `extras` is as in `_extras`.
         """
         torch.manual_seed(seed)
         self._scales = scales = _scales_of(demonstrations, config.standardisation_epsilon)

@@ -66,12 +66,12 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
 
     @GoalMethod
     def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
-        """Returns terminations as `FrankaKitchenEnv.compute_terminated` does; arguments as of `compute_reward`."""
+        """Returns terminations as `FrankaKitchenEnv.compute_terminated` does; arguments as in `compute_reward`."""
         return self._template_env.compute_terminated(achieved_goal, desired_goal, self._split_infos(info))
 
     @GoalMethod
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
-        """Returns truncations as `FrankaKitchenEnv.compute_truncated` does; arguments as of `compute_reward`."""
+        """Returns truncations as `FrankaKitchenEnv.compute_truncated` does; arguments as in `compute_reward`."""
         return self._template_env.compute_truncated(achieved_goal, desired_goal, self._split_infos(info))
 
     def _split_infos(self, info: Infos) -> Infos:

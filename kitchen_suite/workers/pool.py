@@ -72,7 +72,7 @@ class Pool:
     """A fixed number of workers."""
 
     def __init__(self, build: RunnerFactory, *, workers: int, capacity: int, num_threads: int) -> None:
-        """Starts the workers; arguments as of `RaySettings.run`."""
+        """Starts the workers; arguments as in `RaySettings.run`."""
         self._ray = importlib.import_module("ray")
         self._start_arguments = pickle.dumps(build), installed_versions()
         self._capacity, self._num_threads = capacity, num_threads

@@ -114,7 +114,7 @@ class GeneratedKitchenTask(SuiteTask):
           object_noise_ratio: scale of the noise of handles and openings; 0 for none. The default is at most 2 mm, and
             0.5 % of an opening.
           control_mode: meaning of the action, one of the kitchen's.
-          **options: those of `SuiteTask`, and arguments of the control mode, as of `KitchenTask`.
+          **options: those of `SuiteTask`, and arguments of the control mode, as in `KitchenTask`.
 
         Raises:
           TypeError: an argument of the wrong type.

@@ -103,7 +103,7 @@ class MicrowaveTableTask(SuiteTask):
           scene: robot and microwave in their arena; each task needs a scene of its own.
           threshold: distance from the goal below which the door counts as open [rad].
           control_mode: meaning of the action, one of `CONTROL_MODES`.
-          **options: those of `SuiteTask`, and arguments of the control mode, as of `OpenCabinetTask`; `gripper` is
+          **options: those of `SuiteTask`, and arguments of the control mode, as in `OpenCabinetTask`; `gripper` is
             `deterministic` by default.
 
         Raises:

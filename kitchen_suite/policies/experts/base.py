@@ -222,7 +222,7 @@ def make_policy(
 ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
     """Builds a policy that maps time steps to the expert's actions, and resets the expert at each first time step.
 
-    `generator` is the source of jitter and action noise; options as of `make`.
+    `generator` is the source of jitter and action noise; options as in `make`.
     """
     expert, flatten = make(environment.task, **options), environment.task.policy_inputs.flatten
 

@@ -55,8 +55,8 @@ class UndirectedExpert(KitchenExpert):
             `tasks.GOALS`, of which ten undo the others; or a list of names.
           directed: probability that an episode is one in which it does the tasks that are asked for, and no others.
           spare_last: whether it never begins the last of these tasks that is not complete.
-          goals: as of `KitchenExpert`; those of other tasks than the repertoire's are left out.
-          threshold: as of `KitchenExpert`; those of other tasks are left out.
+          goals: see `KitchenExpert`; those of other tasks than the repertoire's are left out.
+          threshold: see `KitchenExpert`; those of other tasks are left out.
           **options: of `KitchenExpert`.
         """
         if isinstance(repertoire, str):
