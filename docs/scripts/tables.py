@@ -353,7 +353,7 @@ def span(first: int, last: int) -> str:
 def cabinet_observation_table() -> str:
     """Returns the table of the parts of open_cabinet's observation."""
     rows = []
-    for name, compute in drawer_observation.PARTS.items():
+    for name, compute in drawer_observation.QUANTITIES.items():
         part = drawer_observation.SLICES[name]
         rows.append((span(part.start, part.stop - 1), f"`{name}`", first_line(compute).split(": ", 1)[1]))
     return markdown(("index", "key", "content"), rows)
@@ -826,8 +826,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "my_arm": functools.partial(example, "my_arm", " thorough"),
     "fixtures": fixture_table,
     "kitchens_tasks": functools.partial(task_table, "kitchens"),
-    "kitchens_observation": functools.partial(part_table, kitchens.PARTS, _KITCHENS_CONTENT),
-    "kitchens_slots": functools.partial(part_table, kitchens.SLOT_PARTS, _SLOT_CONTENT),
+    "kitchens_observation": functools.partial(part_table, kitchens.SLICES, _KITCHENS_CONTENT),
+    "kitchens_slots": functools.partial(part_table, kitchens.SLOT_SLICES, _SLOT_CONTENT),
     "open_cabinet_tasks": functools.partial(task_table, "open_cabinet"),
     "variations": functools.partial(parameter_table, GROUPS[:4]),
     "variations_of_looks": functools.partial(parameter_table, GROUPS[4:]),

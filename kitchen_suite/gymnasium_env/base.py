@@ -250,7 +250,7 @@ class SuiteEnv(gymnasium.Env):
 
     @property
     def robot_keys(self) -> tuple[str, ...]:
-        """Parts of the flat observation that are the robot's, by their names in the suite's own observation."""
+        """StateSlices of the flat observation that are the robot's, by their names in the suite's own observation."""
         return ("joint_positions", "joint_velocities")
 
     @property

@@ -17,8 +17,14 @@ from kitchen_suite.gymnasium_env.original import OriginalEnv
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
-from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
-from kitchen_suite.tasks.kitchen.observation import Parts
+from kitchen_suite.tasks.kitchen.goal_rewards import (
+    EPISODE_COMPLETIONS,
+    STEP_COMPLETIONS,
+    TO_COMPLETE,
+    GoalArrays,
+    Infos,
+)
+from kitchen_suite.tasks.kitchen.observation import StateSlices
 from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, TASK_ID
 from kitchen_suite.tasks.observables import shown_at
 from kitchen_suite.tasks.orders import REQUESTED
@@ -168,7 +174,7 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
             return {}
         goal = self.composer_task.mdp.goal_state(self.composer_task.state)
         pictures = {"goal_rendered": self.render_goal(goal)} if options.get(RENDER_GOAL) else {}
-        return {"goal": goal_observation(goal, self.composer_task.mdp.sensors.parts), **pictures}
+        return {"goal": goal_observation(goal, self.composer_task.mdp.sensors.slices), **pictures}
 
     def check_pictures(self, options: Mapping[str, Any]) -> None:
         if np.any(options.get(RENDER_GOAL)) and self.render_mode not in ("rgb_array", "depth_array"):
@@ -180,7 +186,9 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
             return np.asarray(self.render())
 
     @GoalMethod
-    def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
+    def compute_reward(
+        self, achieved_goal: GoalArrays, desired_goal: GoalArrays, info: Infos
+    ) -> float | NDArray[np.float64]:
         """Returns the reward of a step that led to `achieved_goal`, from goals and info alone.
 
         Args:
@@ -201,7 +209,9 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
         return _item(goal_rewards.reward(achieved, desired, info, self.composer_task.mdp))
 
     @GoalMethod
-    def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
+    def compute_terminated(
+        self, achieved_goal: GoalArrays, desired_goal: GoalArrays, info: Infos
+    ) -> bool | NDArray[np.bool_]:
         """Returns whether a step that led to `achieved_goal` terminates.
 
         Arguments and errors as in `compute_reward`.
@@ -211,7 +221,9 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
         return _item(completed & self.composer_task.mdp.terminate_on_tasks_completed)
 
     @GoalMethod
-    def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
+    def compute_truncated(
+        self, achieved_goal: GoalArrays, desired_goal: GoalArrays, info: Infos
+    ) -> bool | NDArray[np.bool_]:
         """Returns whether a step truncates, by the info's `episode_step` and `completion_steps`.
 
         It does not know a time limit that `gymnasium.make` counts. Arguments and errors as in `compute_reward`.
@@ -224,7 +236,9 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
             truncated |= goal_rewards.steps_since_completion(info, shape) >= task_limit
         return _item(truncated)
 
-    def _flatten_goals(self, achieved: Goal, desired: Goal) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _flatten_goals(
+        self, achieved: GoalArrays, desired: GoalArrays
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         flat, goals = goal_rewards.flatten, self.composer_task.mdp.goals
         return flat(achieved, goals, "achieved_goal"), flat(desired, goals, "desired_goal")
 
@@ -232,7 +246,7 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
         return np.array(value) if self.info_format == "arrays" else value
 
 
-def goal_observation(goal: NDArray[np.float64], parts: Parts) -> NDArray[np.float64]:
+def goal_observation(goal: NDArray[np.float64], parts: StateSlices) -> NDArray[np.float64]:
     """Returns the observation `(..., n)` of states of the kitchen `(..., k)`, at rest and without noise."""
     observation = np.zeros((*goal.shape[:-1], parts.size))
     observation[..., parts.positions] = goal

@@ -50,7 +50,7 @@ class Present(NamedTuple):
     pictures: Mapping[str, NDArray]
 
 
-class Part(NamedTuple):
+class Entry(NamedTuple):
     """A part of an observation.
 
     Attributes:
@@ -141,14 +141,14 @@ class Observations:
         self._robot = np.concatenate([*robot, np.zeros(0, np.int64)])
         self._rest = np.setdiff1d(np.arange(low.size), self._robot)
         kinds = {
-            "observation": lambda: {"observation": Part(self.flat_space, lambda present: present.flat)},
-            "goals": self._goal_parts,
+            "observation": lambda: {"observation": Entry(self.flat_space, lambda present: present.flat)},
+            "goals": self._goal_entries,
             "environment_state": lambda: {"environment_state": self._elements(self._rest)},
             "agent_pos": lambda: {"agent_pos": self._elements(self._robot)},
-            "pixels": self._picture_parts,
+            "pixels": self._picture_entries,
         }
-        self._parts = {key: part for kind in OBS_TYPES[obs_type] for key, part in kinds[kind]().items()}
-        self._parts |= self._request_parts()
+        self._entries = {key: part for kind in OBS_TYPES[obs_type] for key, part in kinds[kind]().items()}
+        self._entries |= self._request_entries()
         shown = {"observation", "environment_state"}.intersection(OBS_TYPES[obs_type])
         shown_of_robot = {"observation", "agent_pos"}.intersection(OBS_TYPES[obs_type])
         hidden = [key for key in keys if not (shown_of_robot if key in of_robot else shown)]
@@ -156,38 +156,38 @@ class Observations:
             hidden += goal_keys(environment.task)
         self.hidden = frozenset(hidden)
         self._is_array = OBS_TYPES[obs_type] == ("observation",)
-        boxes = {key: part.space for key, part in self._parts.items()}
+        boxes = {key: part.space for key, part in self._entries.items()}
         if self._is_array:
             low, high = (np.concatenate([getattr(box, side) for box in boxes.values()]) for side in ("low", "high"))
             self.space: spaces.Space = spaces.Box(low, high, dtype=dtype)
         else:
             self.space = next(iter(boxes.values())) if len(boxes) == 1 else spaces.Dict([*boxes.items()])
 
-    def _goal_parts(self) -> dict[str, Part]:
+    def _goal_entries(self) -> dict[str, Entry]:
         """Returns the goals: arrays, or dicts by task."""
-        return {key: self._goal_part(term) for key, term in self._mdp.goal_observations.items()}
+        return {key: self._goal_entry(term) for key, term in self._mdp.goal_observations.items()}
 
-    def _goal_part(self, term: Observation) -> Part:
+    def _goal_entry(self, term: Observation) -> Entry:
         goals = self._mdp.goals
         if self._flat_goals:
-            return Part(_box(term, goals.desired.shape), lambda present: _read(term, present))
+            return Entry(_box(term, goals.desired.shape), lambda present: _read(term, present))
         by_task: dict[str, spaces.Space] = {
             task: _box(term, goal.shape) for task, goal in goals.split(goals.desired).items()
         }
-        return Part(spaces.Dict(by_task), lambda present: goals.split(_read(term, present)))
+        return Entry(spaces.Dict(by_task), lambda present: goals.split(_read(term, present)))
 
-    def _request_parts(self) -> dict[str, Part]:
+    def _request_entries(self) -> dict[str, Entry]:
         """Returns what is observed of requests, which every observation type has after its own parts."""
-        parts: dict[str, Part] = {}
+        parts: dict[str, Entry] = {}
         if self.has_pictures and self._mdp.has_goal_pictures:
-            part = picture_part({picture_key(each.camera): each for each in self._task.pictures.colour})
+            part = picture_entry({picture_key(each.camera): each for each in self._task.pictures.colour})
             read = part.read
             parts[GOAL_PIXELS] = part._replace(
                 read=lambda present: read(present._replace(pictures=self._goal_pictures(present.state)))
             )
         for key, term in self._mdp.request_observations.items():
             size = np.shape(term.read(self._simulation, self._task.state))
-            parts[key] = Part(_box(term, size), functools.partial(_read, term))
+            parts[key] = Entry(_box(term, size), functools.partial(_read, term))
         return parts
 
     def _goal_pictures(self, state: Any) -> dict[str, NDArray[np.uint8]]:
@@ -198,21 +198,21 @@ class Observations:
         rows = np.moveaxis(self._mdp.goal_pictures(state), -4, 0)
         return {camera: row.copy() for camera, row in zip(cameras, rows, strict=True)}
 
-    def _elements(self, indices: NDArray[np.int64]) -> Part:
+    def _elements(self, indices: NDArray[np.int64]) -> Entry:
         space = self.flat_space
         box = spaces.Box(space.low[indices], space.high[indices], dtype=self._dtype)
-        return Part(box, lambda present: present.flat.take(indices, axis=-1))
+        return Entry(box, lambda present: present.flat.take(indices, axis=-1))
 
-    def _picture_parts(self) -> dict[str, Part]:
+    def _picture_entries(self) -> dict[str, Entry]:
         """Returns the pictures by kind: an array of one camera, or a dict by camera."""
         kinds: dict[str, dict[str, Picture]] = {}
         for picture in self._task.pictures.pictures:
             kinds.setdefault(picture.kind, {})[picture_key(picture.camera)] = picture
-        return {kind: picture_part(by_camera) for kind, by_camera in kinds.items()}
+        return {kind: picture_entry(by_camera) for kind, by_camera in kinds.items()}
 
     def __call__(self, present: Present) -> Any:
         """Returns an observation."""
-        parts = {key: part.read(present) for key, part in self._parts.items()}
+        parts = {key: part.read(present) for key, part in self._entries.items()}
         if len(parts) == 1:
             return next(iter(parts.values()))
         if self._is_array:
@@ -223,9 +223,9 @@ class Observations:
         """Returns the flat observation `(..., m)` in an observation; None if it is not there as a whole."""
         if self._is_array:
             return observation[..., : self._robot.size + self._rest.size]
-        if "observation" in self._parts:
+        if "observation" in self._entries:
             return observation["observation"]
-        if "environment_state" not in self._parts:
+        if "environment_state" not in self._entries:
             return None
         parts = [observation["environment_state"], observation["agent_pos"]]
         return np.concatenate(parts, axis=-1).take(np.argsort([*self._rest, *self._robot]), axis=-1)
@@ -300,7 +300,7 @@ def picture_key(camera: str) -> str:
     return camera.replace("/", "_")
 
 
-def picture_part(by_camera: Mapping[str, Picture]) -> Part:
+def picture_entry(by_camera: Mapping[str, Picture]) -> Entry:
     """Returns the part with the pictures of one kind: an array of one camera, or a dict by camera."""
     specs = {key: picture.taker.array_spec for key, picture in by_camera.items()}
     boxes = {
@@ -309,8 +309,8 @@ def picture_part(by_camera: Mapping[str, Picture]) -> Part:
     }
     if len(by_camera) == 1:
         ((key, picture),) = by_camera.items()
-        return Part(boxes[key], lambda present: present.pictures[picture.key])
-    return Part(
+        return Entry(boxes[key], lambda present: present.pictures[picture.key])
+    return Entry(
         spaces.Dict([*boxes.items()]),
         lambda present: {key: present.pictures[each.key] for key, each in by_camera.items()},
     )

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY, asset_dir
 from kitchen_suite.gymnasium_env.base import STATE, SuiteEnv
-from kitchen_suite.tasks.kitchen.observation import Parts
+from kitchen_suite.tasks.kitchen.observation import StateSlices
 from kitchen_suite.tasks.kitchen.requests import START_STATE
 
 if TYPE_CHECKING:
@@ -375,8 +375,8 @@ class RobotEnv(Explained):
         }
 
     @property
-    def _parts(self) -> Parts:
-        return self._env.composer_task.mdp.sensors.parts
+    def _parts(self) -> StateSlices:
+        return self._env.composer_task.mdp.sensors.slices
 
     def _draw_noise(self, part: slice) -> NDArray[np.float64]:
         """Draws the noise of a part of the observation."""

@@ -15,12 +15,12 @@ from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.kitchen.observation import FRANKA_PARTS
+from kitchen_suite.tasks.kitchen.observation import FRANKA_SLICES
 
 _OVERHEAD = 4096  # In an HDF5 file, greatest size of an array of one control step beside its contents [bytes].
 
 # The 30 positions of an observation, the robot's and then the objects'; Relay Policy Learning's 60 numbers begin so.
-POSITIONS = FRANKA_PARTS.positions
+POSITIONS = FRANKA_SLICES.positions
 
 
 class D4RLPlan(ExportPlan):
@@ -75,7 +75,7 @@ def relay_observations(environment: SuiteEnv, episode: EpisodeArrays) -> NDArray
     task, arrays = environment.composer_task, episode.arrays
     requested = arrays.get("observation/requested_tasks")
     observations = arrays["observation/observation"]
-    parts = task.mdp.sensors.parts
+    parts = task.mdp.sensors.slices
     goals = np.zeros((len(observations), parts.positions.size))
     for number, name in enumerate(task.mdp.goals.tasks):
         if (key := f"observation/desired_goal/{name}") in arrays:

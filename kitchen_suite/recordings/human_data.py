@@ -32,7 +32,7 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.settings import FAILURE, USAGE
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
-from kitchen_suite.tasks.kitchen.observation import FRANKA_PARTS, ROUNDING, SIZE, KitchenReading
+from kitchen_suite.tasks.kitchen.observation import FRANKA_SLICES, ROUNDING, SIZE, KitchenReading
 from kitchen_suite.tasks.orders import in_order, order_of
 from kitchen_suite.tasks.records import Metrics
 from kitchen_suite.versions import installed_versions
@@ -192,8 +192,8 @@ def convert(
         flat = demonstration.observations[number]
         return environment.observations(Present(flat, task.simulation, state, pictures={}))
 
-    robot = demonstration.observations[:, FRANKA_PARTS.robot_positions]
-    objects = demonstration.observations[:, FRANKA_PARTS.object_positions]
+    robot = demonstration.observations[:, FRANKA_SLICES.robot_positions]
+    objects = demonstration.observations[:, FRANKA_SLICES.object_positions]
     # The achieved goals `(T + 1, k)`: those recorded, or else the positions observed.
     goals = {name: GOALS[name] for name in task.policy_inputs.tasks}
     observed = {name: objects[:, task.scene.elements(goal.prop, goal.joints)] for name, goal in goals.items()}

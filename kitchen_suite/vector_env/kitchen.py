@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT
 from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv, GoalMethod, goal_observation
-from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
+from kitchen_suite.tasks.kitchen.goal_rewards import (
+    EPISODE_COMPLETIONS,
+    STEP_COMPLETIONS,
+    TO_COMPLETE,
+    GoalArrays,
+    Infos,
+)
 from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, TASK_ID
 from kitchen_suite.tasks.orders import REQUESTED
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -38,7 +44,7 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         if not wanted.any():
             return {}
         goals = self._mdp.goal_state(self._episodes.state.mdp_state)
-        infos: dict[str, Any] = {"goal": goal_observation(goals, self._mdp.sensors.parts), "_goal": wanted}
+        infos: dict[str, Any] = {"goal": goal_observation(goals, self._mdp.sensors.slices), "_goal": wanted}
         infos["goal"][~wanted] = 0.0
         if rendered := [i for i in np.flatnonzero(wanted).tolist() if shown[i]]:
             pictures = {}
@@ -57,7 +63,9 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return self._observations.has_goals
 
     @GoalMethod
-    def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
+    def compute_reward(
+        self, achieved_goal: GoalArrays, desired_goal: GoalArrays, info: Infos
+    ) -> float | NDArray[np.float64]:
         """Returns rewards as `FrankaKitchenEnv.compute_reward` does; its arguments are those of that method.
 
         For goals `(n, ...)`, `info` may also be the infos of this environment's `step`.
@@ -65,12 +73,16 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return self._template_env.compute_reward(achieved_goal, desired_goal, self._split_infos(info))
 
     @GoalMethod
-    def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
+    def compute_terminated(
+        self, achieved_goal: GoalArrays, desired_goal: GoalArrays, info: Infos
+    ) -> bool | NDArray[np.bool_]:
         """Returns terminations as `FrankaKitchenEnv.compute_terminated` does; arguments as in `compute_reward`."""
         return self._template_env.compute_terminated(achieved_goal, desired_goal, self._split_infos(info))
 
     @GoalMethod
-    def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
+    def compute_truncated(
+        self, achieved_goal: GoalArrays, desired_goal: GoalArrays, info: Infos
+    ) -> bool | NDArray[np.bool_]:
         """Returns truncations as `FrankaKitchenEnv.compute_truncated` does; arguments as in `compute_reward`."""
         return self._template_env.compute_truncated(achieved_goal, desired_goal, self._split_infos(info))
 

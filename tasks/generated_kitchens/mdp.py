@@ -33,19 +33,19 @@ CLOSED = 0.15  # Opening up to which a part counts as closed or off, as a share.
 
 
 # Elements of a slot in the observation.
-SLOT_PARTS = end_to_end(
+SLOT_SLICES = end_to_end(
     {"kind": 6, "position": 3, "offset": 3, "into": 3, "along": 3, "opening": 1, "goal": 1, "requested": 1}
 )
-SLOT_SIZE = SLOT_PARTS["requested"].stop
+SLOT_SIZE = SLOT_SLICES["requested"].stop
 
-# Parts of the flat observation, which ends earlier where fewer slots are observed.
-PARTS = end_to_end({"joint_positions": 9, "joint_velocities": 9, "hand_pose": 9, "slots": MAX_PARTS * SLOT_SIZE})
-SIZE = PARTS["slots"].stop
+# StateSlices of the flat observation, which ends earlier where fewer slots are observed.
+SLICES = end_to_end({"joint_positions": 9, "joint_velocities": 9, "hand_pose": 9, "slots": MAX_PARTS * SLOT_SIZE})
+SIZE = SLICES["slots"].stop
 
 
 def size(num_slots: int) -> int:
     """Returns the number of elements of an observation with a number of slots."""
-    return PARTS["slots"].start + num_slots * SLOT_SIZE
+    return SLICES["slots"].start + num_slots * SLOT_SIZE
 
 
 # Greatest noise at a noise ratio of 1.
@@ -53,10 +53,10 @@ _ROBOT_AMPLITUDE = 0.1  # Of joint positions [rad, m] and velocities [rad/s, m/s
 _HANDLE_AMPLITUDE = 0.2  # Of handles [m].
 _OPENING_AMPLITUDE = 0.5  # Of openings, as a share.
 
-# Parts of the noise.
+# StateSlices of the noise.
 _NOISE = end_to_end({"positions": 9, "velocities": 9, "handles": 3 * MAX_PARTS, "openings": MAX_PARTS})
 NOISE_SIZE = _NOISE["openings"].stop
-NOISE_PARTS = MappingProxyType(
+NOISE_SLICES = MappingProxyType(
     {"robot_noise": slice(0, _NOISE["handles"].start), "object_noise": slice(_NOISE["handles"].start, NOISE_SIZE)}
 )
 
@@ -257,7 +257,7 @@ class GeneratedKitchenState(NamedTuple):
     """State of an episode after a control step.
 
     Attributes:
-      noise: `(..., 82)`, noise of the present observation, by the parts of `NOISE_PARTS`.
+      noise: `(..., 82)`, noise of the present observation, by the parts of `NOISE_SLICES`.
       positions: `(..., 9)`, of the robot's joints, without noise [rad, m].
       velocities: `(..., 9)`, of these [rad/s, m/s].
       target: `(..., 9)`, last targets of its actuators [rad, m].
@@ -376,7 +376,7 @@ class GeneratedKitchenMDP(MDP[SlotReading, GeneratedKitchenState]):
 
     @property
     def noise_parts(self) -> Mapping[str, slice]:
-        return NOISE_PARTS
+        return NOISE_SLICES
 
     def initial_state(self, reading: SlotReading, draws: Array) -> GeneratedKitchenState:
         """Returns the state before the first step of an episode that asks for nothing; see `with_request`."""

@@ -69,7 +69,7 @@ class GeneratedKitchenTask(SuiteTask):
     Reward: 1 for each task that a step completes; or a dense one, as in the kitchen.
     End: discount 0 once all tasks that the episode asks for have been completed, with the sparse reward.
     Observations: 363 numbers, fewer with `num_slots`, in four parts, in single precision, with noise: joints, the pose
-      of the hand, and slots of parts, the requested ones first; see `mdp.PARTS` and `mdp.SLOT_PARTS`.
+      of the hand, and slots of parts, the requested ones first; see `mdp.SLICES` and `mdp.SLOT_SLICES`.
 
     Attributes:
       requests: the parts that episodes ask for.

@@ -14,7 +14,7 @@ from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
 from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
-from kitchen_suite.tasks.kitchen.observation import FRANKA_PARTS
+from kitchen_suite.tasks.kitchen.observation import FRANKA_SLICES
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.types import Array
 
@@ -122,13 +122,13 @@ def feedback_positions(state: KitchenState, feedback: str) -> Array:
         return state.target
     if feedback == "true":
         return state.positions
-    return state.positions + state.noise[..., FRANKA_PARTS.robot_positions]
+    return state.positions + state.noise[..., FRANKA_SLICES.robot_positions]
 
 
 def _observed_target(timestep: float, state: NDArray, action: NDArray) -> Array:
     """Returns the targets `(9,)` of `joint_velocity`, with its defaults, given the observed state [rad, m]."""
     scale, action = JointVelocity().velocity_scale, np.asarray(action, np.float64)
-    return position_target(state[FRANKA_PARTS.robot_positions], action, velocity_scale=scale, timestep=timestep)
+    return position_target(state[FRANKA_SLICES.robot_positions], action, velocity_scale=scale, timestep=timestep)
 
 
 def position_target(positions: Array, action: Array, *, velocity_scale: float, timestep: float) -> Array:

@@ -26,10 +26,10 @@ EPISODE_COMPLETIONS = "episode_task_completions"
 
 Info = Mapping[str, Any]
 Infos = Info | Sequence[Info] | NDArray[np.object_]
-Goal = Mapping[str, ArrayLike] | ArrayLike
+GoalArrays = Mapping[str, ArrayLike] | ArrayLike
 
 
-def flatten(goal: Goal, goals: GoalSet, name: str) -> Array:
+def flatten(goal: GoalArrays, goals: GoalSet, name: str) -> Array:
     """Returns goals of all tasks concatenated in configured order: `(..., k)`; `name` is for messages."""
     if isinstance(goal, Mapping):
         if missing := [task for task in goals.tasks if task not in goal]:

@@ -155,7 +155,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     @property
     def noise_parts(self) -> Mapping[str, slice]:
-        return self.sensors.parts.noise
+        return self.sensors.slices.noise
 
     def initial_state(self, reading: KitchenReading, draws: Array) -> KitchenState:
         distances = self.goals.distances(reading.achieved)
@@ -296,7 +296,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     @functools.cached_property
     def noisy_observations(self) -> Mapping[str, slice]:
         """Place of the noise of each of the sensors' observations in that of the state."""
-        return dict(zip(self.sensors.observations, self.sensors.parts, strict=True))
+        return dict(zip(self.sensors.observations, self.sensors.slices, strict=True))
 
     def corrupted(self, key: str, clean: NDArray, state: KitchenState) -> NDArray:
         place = self.noisy_observations.get(key)

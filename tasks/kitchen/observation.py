@@ -41,8 +41,8 @@ _OBJECTS = (*in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VE
 ROUNDING = 1e-6  # Greatest rounding error of recorded numbers, in single precision.
 
 
-class Parts(NamedTuple):
-    """Parts of the observation, in order, for a robot of some number of joints.
+class StateSlices(NamedTuple):
+    """StateSlices of the observation, in order, for a robot of some number of joints.
 
     Attributes:
       robot_positions: of the robot's joints.
@@ -74,16 +74,16 @@ class Parts(NamedTuple):
 
     @property
     def noise(self) -> Mapping[str, slice]:
-        """Parts whose noise varies as one."""
+        """StateSlices whose noise varies as one."""
         robot = self.robot_velocities.stop
         return MappingProxyType({"robot_noise": slice(0, robot), "object_noise": slice(robot, self.size)})
 
 
-FRANKA_PARTS = Parts.of(9)
-SIZE = FRANKA_PARTS.size  # Number of elements of the observation, with the Franka.
+FRANKA_SLICES = StateSlices.of(9)
+SIZE = FRANKA_SLICES.size  # Number of elements of the observation, with the Franka.
 
 
-def noise_scale(parts: Parts = FRANKA_PARTS, *, robot_ratio: float, object_ratio: float) -> Array:
+def noise_scale(parts: StateSlices = FRANKA_SLICES, *, robot_ratio: float, object_ratio: float) -> Array:
     """Returns the greatest noise of each element of the observation, in its unit."""
     ratios = np.full(parts.size, object_ratio)
     robot = parts.noise["robot_noise"]
@@ -112,7 +112,7 @@ class KitchenSensors:
     """Reads the joints of robot and objects.
 
     Attributes:
-      parts: of the observation.
+      slices: places of the parts of the observation.
       robot: whose joints are read.
       indices: of the joints in the compiled model.
       measures_hand: whether the distances of the hand from the tasks' handles are read, as dense rewards need.
@@ -128,7 +128,8 @@ class KitchenSensors:
         self._scene = scene
         self._goals = goals
         self.measures_hand = measures_hand
-        self.robot, self.parts = scene.robot, Parts.of(len(scene.robot.joints))
+        self.robot = scene.robot
+        self.slices = StateSlices.of(len(scene.robot.joints))
         # Joint positions and velocities are up to date after every physics step, positions in space are not.
         self.stage = mujoco.mjtStage.mjSTAGE_POS if measures_hand else mujoco.mjtStage.mjSTAGE_NONE
 

@@ -71,6 +71,6 @@ class KitchenRecords(Records):
     def set_observed_positions(self, observation: Array) -> None:
         state = self._task.state
         noise = state.noise.copy()
-        robot = self._task.mdp.sensors.parts.robot_positions
+        robot = self._task.mdp.sensors.slices.robot_positions
         noise[robot] = observation[robot] - state.positions
         self._task.set_mdp_state(state._replace(noise=noise))

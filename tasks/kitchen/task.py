@@ -144,7 +144,7 @@ class KitchenTask(SuiteTask):
             goals=goal_set,
             rewards=self.with_extra_rewards(REWARDS[reward]),
             noise_scale=noise_scale(
-                sensors.parts,
+                sensors.slices,
                 robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
                 object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
             ),
@@ -178,7 +178,7 @@ class KitchenTask(SuiteTask):
     def make_policy_inputs(self, state_size: int) -> PolicyInputs:
         mdp = self.mdp
         goal_size = 2 * mdp.goals.desired.size + mdp.initial_qpos.size * mdp.goal_states
-        objects = range(mdp.noise_scale.size)[mdp.sensors.parts.object_positions]
+        objects = range(mdp.noise_scale.size)[mdp.sensors.slices.object_positions]
         return PolicyInputs(
             names=_policy_names(mdp, self.reward_name, sees=bool(self.pictures.by_name)),
             state_size=state_size,

@@ -20,10 +20,10 @@ PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]
 
 # Place of each part in the flat observation. Units: rad and m, rad/s and m/s; m; rad; rad/s.
-PARTS = end_to_end(
+SLICES = end_to_end(
     {"joint_positions": 9, "joint_velocities": 9, "handle_offset": 3, "door_position": 1, "door_velocity": 1}
 )
-SIZE = PARTS["door_velocity"].stop
+SIZE = SLICES["door_velocity"].stop
 
 # Angle of the open door [rad].
 OPEN_ANGLE = -0.75
@@ -36,7 +36,7 @@ class MicrowaveTableState(NamedTuple):
     """State of an episode after a control step.
 
     Attributes:
-      observation: `(..., 23)`, parts as in `PARTS`.
+      observation: `(..., 23)`, parts as in `SLICES`.
       target: `(..., 9)`, last targets of the actuators [rad, m].
       terms: `(...)` each, the terms of the last step's reward by name.
       is_success: `(...)`, whether the door is within the threshold of its goal now.
@@ -52,22 +52,22 @@ class MicrowaveTableState(NamedTuple):
     @property
     def joint_positions(self) -> Array:
         """`(..., 9)`, of the robot [rad, m]."""
-        return self.observation[..., PARTS["joint_positions"]]
+        return self.observation[..., SLICES["joint_positions"]]
 
     @property
     def joint_velocities(self) -> Array:
         """`(..., 9)`, of the robot [rad/s, m/s]."""
-        return self.observation[..., PARTS["joint_velocities"]]
+        return self.observation[..., SLICES["joint_velocities"]]
 
     @property
     def handle_offset(self) -> Array:
         """`(..., 3)`, from the fingertips to the handle [m]."""
-        return self.observation[..., PARTS["handle_offset"]]
+        return self.observation[..., SLICES["handle_offset"]]
 
     @property
     def door_opening(self) -> Array:
         """`(...)`, angle of the door as a share of its goal."""
-        return self.observation[..., PARTS["door_position"].start] / OPEN_ANGLE
+        return self.observation[..., SLICES["door_position"].start] / OPEN_ANGLE
 
 
 def approach(step: Transition) -> Array:
@@ -109,7 +109,7 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
 
     @functools.cached_property
     def observations(self) -> Mapping[str, Observation]:
-        return {key: Observation(functools.partial(self._part, place)) for key, place in PARTS.items()}
+        return {key: Observation(functools.partial(self._part, place)) for key, place in SLICES.items()}
 
     @staticmethod
     def _part(place: slice, simulation: Simulation, state: MicrowaveTableState) -> NDArray[np.float32]:
@@ -132,5 +132,5 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
         read = {name: reading[..., part] for name, part in self.sensors.indices.items()}
         parts = {**read, "handle_offset": read["handle_position"] - read["tcp_position"]}
         is_success = np.abs(read["door_position"][..., 0] - OPEN_ANGLE) < self.threshold
-        observation = np.concatenate([parts[name] for name in PARTS], axis=-1)
+        observation = np.concatenate([parts[name] for name in SLICES], axis=-1)
         return MicrowaveTableState(observation, target, {}, is_success, succeeded | is_success)

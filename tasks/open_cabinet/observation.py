@@ -61,7 +61,7 @@ def _sign(value: Array) -> Array:
 
 
 # Functions of the parts, before clipping, by observation key, in the order of the flat vector.
-PARTS: Mapping[str, Callable[[Features], Array]] = MappingProxyType(
+QUANTITIES: Mapping[str, Callable[[Features], Array]] = MappingProxyType(
     {
         "joint_positions": scaled_joint_positions,
         "joint_velocities": scaled_joint_velocities,
@@ -73,7 +73,7 @@ PARTS: Mapping[str, Callable[[Features], Array]] = MappingProxyType(
 )
 
 # Slice of each part in the flat vector.
-SLICES = end_to_end({key: compute(Features(np.zeros(FEATURES_SIZE))).size for key, compute in PARTS.items()})
+SLICES = end_to_end({key: compute(Features(np.zeros(FEATURES_SIZE))).size for key, compute in QUANTITIES.items()})
 SIZE = sum(place.stop - place.start for place in SLICES.values())
 
 
@@ -84,7 +84,7 @@ def clipped(values: Array) -> NDArray[np.float32]:
 
 def observe(features: Features) -> Array:
     """Returns the flat vector `(..., 25)`, not yet clipped."""
-    return np.concatenate([compute(features) for compute in PARTS.values()], axis=-1)
+    return np.concatenate([compute(features) for compute in QUANTITIES.values()], axis=-1)
 
 
 def noise_scale(widths: Mapping[str, float] | None) -> Array:
@@ -98,6 +98,6 @@ def noise_scale(widths: Mapping[str, float] | None) -> Array:
         raise TypeError(f"observation_noise must map parts of the observation to widths, got {shown}")
     scale = np.zeros(SIZE)
     for name, width in (widths or {}).items():
-        part = checks.choice(name, PARTS.keys(), "part of the observation")
+        part = checks.choice(name, QUANTITIES.keys(), "part of the observation")
         scale[SLICES[part]] = checks.number(width, f"observation_noise of {name!r}")
     return scale

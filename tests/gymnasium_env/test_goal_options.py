@@ -6,10 +6,10 @@ import pytest
 
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
-from kitchen_suite.tasks.kitchen.observation import FRANKA_PARTS
+from kitchen_suite.tasks.kitchen.observation import FRANKA_SLICES
 
-ROBOT = FRANKA_PARTS.robot_positions
-OBJECTS = FRANKA_PARTS.object_positions
+ROBOT = FRANKA_SLICES.robot_positions
+OBJECTS = FRANKA_SLICES.object_positions
 
 NO_NOISE = {"object_noise_ratio": 0.0, "robot_noise_ratio": 0.0}
 

@@ -30,7 +30,7 @@ from kitchen_suite.policies.experts.skills import ArcMove, HandOrientation, Move
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.generated_kitchens import mdp
-from kitchen_suite.tasks.generated_kitchens.mdp import PARTS, SLOT_PARTS, SLOT_SIZE, SlotSensors, size
+from kitchen_suite.tasks.generated_kitchens.mdp import SLICES, SLOT_SIZE, SLOT_SLICES, SlotSensors, size
 from kitchen_suite.tasks.generated_kitchens.task import GeneratedKitchenTask
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
 from kitchen_suite.tasks.kitchen.goals import GOALS
@@ -128,13 +128,13 @@ class PartExpert(Expert):
         self._targets: list[Target] = []
 
     def robot_positions(self, observation: Array) -> Array:
-        return observation[PARTS["joint_positions"]]
+        return observation[SLICES["joint_positions"]]
 
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
-        rows = observation[PARTS["slots"]].reshape(-1, SLOT_SIZE)
-        requested = rows[rows[:, SLOT_PARTS["requested"].start] > 0.5]
-        openings = requested[:, SLOT_PARTS["opening"].start]
-        goals = requested[:, SLOT_PARTS["goal"].start] > 0.5
+        rows = observation[SLICES["slots"]].reshape(-1, SLOT_SIZE)
+        requested = rows[rows[:, SLOT_SLICES["requested"].start] > 0.5]
+        openings = requested[:, SLOT_SLICES["opening"].start]
+        goals = requested[:, SLOT_SLICES["goal"].start] > 0.5
         done = np.where(goals, openings >= _OPENED, openings <= _SHUT)
         if self._trajectory is None:
             self._targets = [self._kitchen.find(row) for row in requested]
@@ -256,13 +256,13 @@ class _Kitchen:
 
     def find(self, row: Array) -> Target:
         """Returns the part of a slot of an observation, and what is asked of it."""
-        opening = row[SLOT_PARTS["opening"]][0]
+        opening = row[SLOT_SLICES["opening"]][0]
         joints = self.slots.opened * opening
-        handle = row[SLOT_PARTS["position"]] + robot_base()
+        handle = row[SLOT_SLICES["position"]] + robot_base()
         positions, _, _ = self.slots.moved(joints, handle)
         apart = np.linalg.norm(positions - handle, axis=-1)
-        apart[(self.slots.kind != row[SLOT_PARTS["kind"]]).any(axis=-1)] = np.inf
-        return Target(int(apart.argmin()), bool(row[SLOT_PARTS["goal"]][0] > 0.5))
+        apart[(self.slots.kind != row[SLOT_SLICES["kind"]]).any(axis=-1)] = np.inf
+        return Target(int(apart.argmin()), bool(row[SLOT_SLICES["goal"]][0] > 0.5))
 
     def motions(self, target: Target, opening: float, encoder: ActionEncoder) -> list[Motion]:
         """Returns motions for a part at an opening that the arm can follow, at most three; the best one if none is.

@@ -30,7 +30,7 @@ from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import GoalSet, StrictSuccess, Thresholds, make_success
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, THRESHOLD, build_goals, initial_qpos
-from kitchen_suite.tasks.kitchen.observation import SIZE, Parts
+from kitchen_suite.tasks.kitchen.observation import SIZE, StateSlices
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 from kitchen_suite.types import Array
 
@@ -112,7 +112,7 @@ class KitchenExpert(Expert):
         """
         self._goals = self._build_goals(tasks, goals)
         robot = self._robot = robot_spec(robot)
-        parts = self._parts = Parts.of(len(scene(robot).robot.joints))
+        parts = self._parts = StateSlices.of(len(scene(robot).robot.joints))
         self._success = make_success(
             self._goals, scene(robot), default=THRESHOLD, success=success, threshold=threshold, positive=True
         )

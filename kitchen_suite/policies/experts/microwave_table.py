@@ -17,7 +17,7 @@ from kitchen_suite.policies.experts.skills import CLOSED, OPEN, ArcMove, HandOri
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import make_mode
-from kitchen_suite.tasks.microwave_table.mdp import OPEN_ANGLE, PARTS, SIZE
+from kitchen_suite.tasks.microwave_table.mdp import OPEN_ANGLE, SIZE, SLICES
 from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES, GOAL
 from kitchen_suite.types import Array
 
@@ -63,11 +63,11 @@ class MicrowaveExpert(Expert):
         super().__init__(style, make_encoder(mode, panda_model(MicrowaveTableArena)))
 
     def robot_positions(self, observation: Array) -> Array:
-        return observation[PARTS["joint_positions"]]
+        return observation[SLICES["joint_positions"]]
 
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
-        hand, (door,) = self._kinematics.forward(joints), observation[PARTS["door_position"]].tolist()
-        offset = observation[PARTS["handle_offset"]]
+        hand, (door,) = self._kinematics.forward(joints), observation[SLICES["door_position"]].tolist()
+        offset = observation[SLICES["handle_offset"]]
         handle = hand.translation() + offset
         if self._trajectory is None:
             self._start = door, handle

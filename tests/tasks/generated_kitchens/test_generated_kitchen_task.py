@@ -13,7 +13,7 @@ from kitchen_suite.cli.commands import record, replay, rollout
 from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS
 from kitchen_suite.names import FAST
-from kitchen_suite.tasks.generated_kitchens.mdp import CLOSED, NOISE_SIZE, OPEN, PARTS, SIZE, SLOT_PARTS, SLOT_SIZE
+from kitchen_suite.tasks.generated_kitchens.mdp import CLOSED, NOISE_SIZE, OPEN, SIZE, SLICES, SLOT_SIZE, SLOT_SLICES
 from kitchen_suite.tasks.generated_kitchens.requests import VERBS
 from kitchen_suite.tasks.generated_kitchens.task import RESET_NOISE
 
@@ -75,7 +75,7 @@ def slots_of(timestep):
 
 
 def test_the_parts_of_observation_slots_and_noise_are_end_to_end():
-    for parts, size in ((PARTS, SIZE), (SLOT_PARTS, SLOT_SIZE)):
+    for parts, size in ((SLICES, SIZE), (SLOT_SLICES, SLOT_SIZE)):
         stops = [part.stop for part in parts.values()]
         assert [part.start for part in parts.values()] == [0, *stops[:-1]]
         assert stops[-1] == size
@@ -244,15 +244,15 @@ def test_closing_counts_below_its_share_and_what_is_not_asked_for_never():
 def test_the_kettle_is_moved_once_it_is_on_the_back_burner():
     environment = load("move_kettle", **NO_NOISE)
     timestep = environment.reset()
-    handle = slots_of(timestep)[0, SLOT_PARTS["position"]]
+    handle = slots_of(timestep)[0, SLOT_SLICES["position"]]
     physics = environment.physics
     (free,) = environment.task.scene.props["kettle"].joints
     physics.bind(free).qpos[:2] += (0.0, 0.4 * (OPEN + 0.05))
     timestep = environment.step(np.zeros(9))
     assert (timestep.reward, timestep.discount) == (1.0, 0.0)
     slot = slots_of(timestep)[0]
-    assert slot[SLOT_PARTS["opening"]] == pytest.approx(OPEN + 0.05, abs=0.01)
-    np.testing.assert_allclose(slot[SLOT_PARTS["position"]] - handle, (0, 0.32, 0), atol=0.01)
+    assert slot[SLOT_SLICES["opening"]] == pytest.approx(OPEN + 0.05, abs=0.01)
+    np.testing.assert_allclose(slot[SLOT_SLICES["position"]] - handle, (0, 0.32, 0), atol=0.01)
 
 
 @pytest.mark.parametrize("reward", ["sparse", "dense", "dense_gain"])
@@ -274,11 +274,11 @@ def test_slots_begin_with_the_requested_parts_in_their_order():
     timestep = start(environment, "turn_on hood_1/light_switch", "close drawers_1/drawer_2")
     slots, parts = slots_of(timestep), [part for _, part in environment.task.scene.parts]
     order = [SWITCH, DRAWER + 1, *(k for k in range(len(parts)) if k not in (SWITCH, DRAWER + 1))]
-    kinds = [PART_KINDS[row.argmax()] for row in slots[: len(parts), SLOT_PARTS["kind"]]]
+    kinds = [PART_KINDS[row.argmax()] for row in slots[: len(parts), SLOT_SLICES["kind"]]]
     assert kinds == [parts[k].kind for k in order]
-    np.testing.assert_array_equal(slots[:, SLOT_PARTS["requested"]].ravel(), [1, 1, *[0] * 14])
-    np.testing.assert_array_equal(slots[:2, SLOT_PARTS["goal"]].ravel(), [1, 0])
-    np.testing.assert_allclose(slots[:3, SLOT_PARTS["opening"]].ravel(), [0, 1, 0], atol=1e-6)
+    np.testing.assert_array_equal(slots[:, SLOT_SLICES["requested"]].ravel(), [1, 1, *[0] * 14])
+    np.testing.assert_array_equal(slots[:2, SLOT_SLICES["goal"]].ravel(), [1, 0])
+    np.testing.assert_allclose(slots[:3, SLOT_SLICES["opening"]].ravel(), [0, 1, 0], atol=1e-6)
     np.testing.assert_array_equal(slots[len(parts) :], 0.0)
     info = environment.task.mdp.info(environment.task.state)
     assert info["requested_order"].tolist() == [-1, -1, -1, -1, 0, -1, 1, *[-1] * 9]
@@ -303,21 +303,21 @@ def test_the_observation_is_that_of_the_physics():
     }
     for name, values in expected.items():
         np.testing.assert_allclose(timestep.observation[name], values, atol=1e-5)
-    assert list(timestep.observation) == list(PARTS)
+    assert list(timestep.observation) == list(SLICES)
     first = DRAWER
     order = [first, *(k for k in range(len(scene.parts)) if k != first)]
     for slot, k in zip(slots_of(timestep), order, strict=False):
         name, part = scene.parts[k]
         site = physics.bind(scene.props[name].mjcf_model.find("site", part.handle))
-        np.testing.assert_allclose(slot[SLOT_PARTS["position"]], site.xpos - base, atol=1e-5)
-        np.testing.assert_allclose(slot[SLOT_PARTS["offset"]], site.xpos - hand.xpos, atol=1e-5)
+        np.testing.assert_allclose(slot[SLOT_SLICES["position"]], site.xpos - base, atol=1e-5)
+        np.testing.assert_allclose(slot[SLOT_SLICES["offset"]], site.xpos - hand.xpos, atol=1e-5)
         if k in jointed:
             joint = physics.bind(scene.props[name].mjcf_model.find("joint", part.joint))
-            np.testing.assert_allclose(slot[SLOT_PARTS["opening"]], joint.qpos / part.opened, atol=1e-5)
+            np.testing.assert_allclose(slot[SLOT_SLICES["opening"]], joint.qpos / part.opened, atol=1e-5)
         if name.startswith(("drawers", "tall_door")):
             frame = site.xmat.reshape(3, 3)
-            np.testing.assert_allclose(slot[SLOT_PARTS["into"]], frame[:, 2], atol=1e-5)
-            np.testing.assert_allclose(np.abs(slot[SLOT_PARTS["along"]] @ frame[:, 1]), 1.0, atol=1e-5)
+            np.testing.assert_allclose(slot[SLOT_SLICES["into"]], frame[:, 2], atol=1e-5)
+            np.testing.assert_allclose(np.abs(slot[SLOT_SLICES["along"]] @ frame[:, 1]), 1.0, atol=1e-5)
 
 
 def test_noise_is_on_joints_handles_and_openings_and_within_its_bounds():
@@ -325,15 +325,15 @@ def test_noise_is_on_joints_handles_and_openings_and_within_its_bounds():
     differences = []
     for _ in range(20):
         one, other = (start(each, "open drawers_1/drawer_1").observation for each in (quiet, noisy))
-        differences.append({name: other[name] - one[name] for name in PARTS})
+        differences.append({name: other[name] - one[name] for name in SLICES})
     slots = np.array([each["slots"].reshape(MAX_PARTS, SLOT_SIZE) for each in differences])
     joints = np.array([np.append(each["joint_positions"], each["joint_velocities"]) for each in differences])
     assert 0.0009 < np.abs(joints).max() <= 0.0010001
-    assert 0.0035 < np.abs(slots[:, :9, SLOT_PARTS["position"]]).max() <= 0.0040001
-    np.testing.assert_allclose(slots[..., SLOT_PARTS["position"]], slots[..., SLOT_PARTS["offset"]], atol=1e-6)
-    assert 0.009 < np.abs(slots[:, :9, SLOT_PARTS["opening"]]).max() <= 0.0100001
+    assert 0.0035 < np.abs(slots[:, :9, SLOT_SLICES["position"]]).max() <= 0.0040001
+    np.testing.assert_allclose(slots[..., SLOT_SLICES["position"]], slots[..., SLOT_SLICES["offset"]], atol=1e-6)
+    assert 0.009 < np.abs(slots[:, :9, SLOT_SLICES["opening"]]).max() <= 0.0100001
     for name in ("kind", "into", "along", "goal", "requested"):
-        np.testing.assert_array_equal(slots[..., SLOT_PARTS[name]], 0.0)
+        np.testing.assert_array_equal(slots[..., SLOT_SLICES[name]], 0.0)
     np.testing.assert_array_equal(slots[:, 9:], 0.0)
     np.testing.assert_array_equal([each["hand_pose"] for each in differences], 0.0)
 

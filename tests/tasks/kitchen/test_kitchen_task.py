@@ -155,10 +155,10 @@ def test_the_threshold_decides(threshold):
 
 def test_noise_is_on_by_default_within_its_amplitude_and_can_be_switched_off():
     bounds = {
-        "franka/joint_positions": 0.01 * noise.AMPLITUDES[noise.FRANKA_PARTS.robot_positions],
-        "franka/joint_velocities": 0.01 * noise.AMPLITUDES[noise.FRANKA_PARTS.robot_velocities],
-        "object_positions": 0.0005 * noise.AMPLITUDES[noise.FRANKA_PARTS.object_positions],
-        "object_velocities": 0.0005 * noise.AMPLITUDES[noise.FRANKA_PARTS.object_velocities],
+        "franka/joint_positions": 0.01 * noise.AMPLITUDES[noise.FRANKA_SLICES.robot_positions],
+        "franka/joint_velocities": 0.01 * noise.AMPLITUDES[noise.FRANKA_SLICES.robot_velocities],
+        "object_positions": 0.0005 * noise.AMPLITUDES[noise.FRANKA_SLICES.object_positions],
+        "object_velocities": 0.0005 * noise.AMPLITUDES[noise.FRANKA_SLICES.object_velocities],
     }
     quiet = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "velocity_scale": 0.0, "feedback": "target"}
     noisy = {"velocity_scale": 0.0, "feedback": "target"}

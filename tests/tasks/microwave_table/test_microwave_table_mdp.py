@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite.tasks import Transition
-from kitchen_suite.tasks.microwave_table.mdp import PARTS, REWARDS, SIZE, MicrowaveTableMDP, MicrowaveTableState
+from kitchen_suite.tasks.microwave_table.mdp import REWARDS, SIZE, SLICES, MicrowaveTableMDP, MicrowaveTableState
 
 # Columns of a reading, as the sensors of a scene have them.
 COLUMNS = {
@@ -43,8 +43,8 @@ def play(doors):
 
 
 def test_parts_end_to_end_are_the_flat_observation():
-    stops = [part.stop for part in PARTS.values()]
-    assert [part.start for part in PARTS.values()] == [0, *stops[:-1]]
+    stops = [part.stop for part in SLICES.values()]
+    assert [part.start for part in SLICES.values()] == [0, *stops[:-1]]
     assert stops[-1] == SIZE == 23
 
 
@@ -120,8 +120,8 @@ def test_infos_are_fresh_arrays():
 
 def test_reward_terms_by_hand():
     observation = np.zeros((3, SIZE))
-    observation[1, PARTS["handle_offset"]] = 0.06, 0.0, 0.08
-    observation[:, PARTS["door_position"]] = [[-0.15], [0.3], [-2.0]]
+    observation[1, SLICES["handle_offset"]] = 0.06, 0.0, 0.08
+    observation[:, SLICES["door_position"]] = [[-0.15], [0.3], [-2.0]]
     state = MicrowaveTableState(observation, np.zeros((3, 9)), {}, np.zeros(3, bool), np.zeros(3, bool))
     step = Transition(state, np.zeros(8), np.zeros(9), state)
     terms = {name: term(step) for name, term in REWARDS.items()}

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import record, replay, rollout
-from kitchen_suite.tasks.microwave_table.mdp import PARTS
+from kitchen_suite.tasks.microwave_table.mdp import SLICES
 
 ENV_ID = "KitchenSuite/FrankaMicrowaveTable-v1"
 DOMAIN = ["--domain_name=microwave_table", "--max_episode_steps=5"]
@@ -43,7 +43,7 @@ def test_the_observation_is_that_of_the_physics(environment):
         "door_position": door.qpos,
         "door_velocity": door.qvel,
     }
-    assert list(timestep.observation) == list(expected) == list(PARTS)
+    assert list(timestep.observation) == list(expected) == list(SLICES)
     for name, value in expected.items():
         np.testing.assert_allclose(timestep.observation[name], value, atol=2e-6)
 

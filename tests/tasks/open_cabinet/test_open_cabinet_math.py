@@ -72,7 +72,7 @@ def test_parts_end_to_end_are_the_flat_vector():
     assert observation.SIZE == 25
     stops = [part.stop for part in observation.SLICES.values()]
     assert [part.start for part in observation.SLICES.values()] == [0, *stops[:-1]]
-    computed = {name: compute(batch) for name, compute in observation.PARTS.items()}
+    computed = {name: compute(batch) for name, compute in observation.QUANTITIES.items()}
     assert list(computed) == list(observation.SLICES)
     assert all((flat[..., observation.SLICES[name]] == values).all() for name, values in computed.items())
     clipped = observation.clipped(flat * 100)
