@@ -151,10 +151,10 @@ class Tester:
     """Tests mutants in a copy of the package, each in a process of its own."""
 
     def __init__(self, folder: Path) -> None:
-        """Copies the package as it is installed: the folders of the repository's top are subpackages."""
+        """Copies the package as it is installed: its links are the folders that they lead to."""
         self._folder = folder
-        for name in ("kitchen_suite", "entities", "tasks"):
-            shutil.copytree(ROOT / name, folder / installed(name), ignore=shutil.ignore_patterns("__pycache__"))
+        copied = folder / "kitchen_suite"
+        shutil.copytree(ROOT / "kitchen_suite", copied, ignore=shutil.ignore_patterns("__pycache__"))
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload([*PRELOADED])
 
