@@ -73,7 +73,7 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
     arena = GeneratedKitchenArena(visuals=visuals)
     # The robot first, without its site in the world: all that is of it has the same indices in every kitchen.
     robot = Robot(KITCHEN_FRANKA, visuals=visuals)
-    arena.attach_at_site(robot)
+    arena.attach_robot(robot)
     arena.mjcf_model.find("site", robot.mjcf_model.model).remove()
     style = STYLES[made.style]
     props: dict[str, Prop] = {}

@@ -108,6 +108,10 @@ class SiteArena(assets.NamedEntity, composer.Arena):
             frame.add("freejoint")
         return frame
 
+    def attach_robot(self, robot: Robot) -> mjcf.Element:
+        """Attaches a robot at the site with its model's name; returns the frame."""
+        return self.attach_at_site(robot)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Scene:
@@ -129,7 +133,7 @@ class Scene:
     def furnish(cls, arena: SiteArena, robot: Robot, props: Iterable[Prop]) -> Self:
         """Attaches a robot and props, in the order of observation, at the arena's sites of their names."""
         by_name = {prop.mjcf_model.model: prop for prop in props}
-        arena.attach_at_site(robot)
+        arena.attach_robot(robot)
         for prop in by_name.values():
             arena.attach_at_site(prop, free=prop.free)
         return cls(arena=arena, robot=robot, props=MappingProxyType(by_name))
@@ -276,16 +280,16 @@ class KitchenArena(SiteArena):
         offset = Parameter(name="pedestal/offset", unit="m", type=POSITION_OFFSET, elements=(pedestal,))
         return (*super().parameters, offset)
 
-    def attach_at_site(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
-        """Attaches an entity as `SiteArena` does; a robot where its specification says."""
-        if isinstance(entity, Robot):
-            where, site = entity.specification, self._mjcf_root.find("site", FRANKA)
-            site.set_attributes(name=entity.mjcf_model.model, pos=where.base_pos, quat=where.base_quat)
-            x, y, height = where.base_pos
-            if height > 0.0:
-                shape = {"type": "cylinder", "size": (_PLINTH_RADIUS, height / 2), "pos": (x, y, height / 2), "mass": 0}
-                site.parent.add("geom", name="plinth", **shape)
-        return super().attach_at_site(entity, free=free)
+    def attach_robot(self, robot: Robot) -> mjcf.Element:
+        """Attaches a robot where its specification says, on a plinth if it stands higher than the pedestal."""
+        where = robot.specification
+        site = self._mjcf_root.find("site", FRANKA)
+        site.set_attributes(name=robot.mjcf_model.model, pos=where.base_pos, quat=where.base_quat)
+        x, y, height = where.base_pos
+        if height > 0.0:
+            shape = {"type": "cylinder", "size": (_PLINTH_RADIUS, height / 2), "pos": (x, y, height / 2), "mass": 0}
+            site.parent.add("geom", name="plinth", **shape)
+        return super().attach_robot(robot)
 
 
 class GeneratedKitchenArena(KitchenArena):

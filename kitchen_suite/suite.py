@@ -39,7 +39,8 @@ __all__ = [
     "task_arguments",
 ]
 
-_SEVERAL = re.compile(r"\s*[,;+]\s*")  # Between names of tasks, where several are written for one.
+# Separators, for the error about several names of tasks in place of one.
+_SEVERAL = re.compile(r"\s*[,;+]\s*")
 
 _domains: dict[str, Domain] = {domain.name: domain for domain in (KITCHEN, OPEN_CABINET, MICROWAVE_TABLE, KITCHENS)}
 
@@ -154,8 +155,8 @@ def _check_episodes(single: gymnasium.Env, many: Any, environment: "Environment"
     generator = gymnasium.utils.seeding.np_random(0)[0]
     actions = np.random.default_rng(0)
     for seed in (0, None):
-        observation, info = single.reset(seed=seed)
-        many_observation, many_info = many.reset(seed=seed)
+        observation, _ = single.reset(seed=seed)
+        many_observation, _ = many.reset(seed=seed)
         if seed is not None:
             environment.random_state = np.random.RandomState(generator.bit_generator)
         timestep = environment.reset()

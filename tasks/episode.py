@@ -180,7 +180,7 @@ class Stepper:
             push = self.pusher.push(self.simulation, push, state.mdp_state)
         return Acting(action, target, ctrl, command, sensing, push)
 
-    def observe(self, state: EpisodeState, acting: Acting, reading: Any, draws: Array) -> EpisodeState:
+    def advance(self, state: EpisodeState, acting: Acting, reading: Any, draws: Array) -> EpisodeState:
         """Returns the state after the physics of the control step; extra observations have no noise yet.
 
         Args:

@@ -173,13 +173,13 @@ class GoalSet:
     Attributes:
       tasks: names of the `n` tasks in configured order.
       goals: goal of each task; `desired` has the values.
-      starts: `(n,)`, index of each task's first value among the `k`.
+      first_elements: `(n,)`, index of each task's first value among the `k`.
       desired: `(k,)`, the goals.
     """
 
     tasks: tuple[str, ...]
     goals: tuple[Goal, ...]
-    starts: NDArray[np.int64]
+    first_elements: NDArray[np.int64]
     desired: NDArray[np.float64]
 
     @classmethod
@@ -212,7 +212,9 @@ class GoalSet:
             if np.abs(value).max() > mujoco.mjMAXVAL:
                 limit = f"{mujoco.mjMAXVAL:g}, the greatest position that MuJoCo simulates"
                 raise ValueError(f"goal of {name!r} must not exceed {limit}, got {checks.shown(value)}")
-        return cls(tasks=names, goals=goals, starts=np.cumsum([0, *sizes[:-1]]), desired=np.concatenate(desired))
+        return cls(
+            tasks=names, goals=goals, first_elements=np.cumsum([0, *sizes[:-1]]), desired=np.concatenate(desired)
+        )
 
     def instructions(self, indices: Iterable[int]) -> tuple[str, ...]:
         """Returns the instructions of several tasks together, in a given order.
@@ -239,12 +241,14 @@ class GoalSet:
     @functools.cached_property
     def slices(self) -> dict[str, slice]:
         """Slice of each task's values among the `k`."""
-        stops = [*self.starts[1:], self.desired.size]
-        return {task: slice(start, stop) for task, start, stop in zip(self.tasks, self.starts, stops, strict=True)}
+        stops = [*self.first_elements[1:], self.desired.size]
+        return {
+            task: slice(start, stop) for task, start, stop in zip(self.tasks, self.first_elements, stops, strict=True)
+        }
 
     def distances(self, achieved: NDArray, desired: NDArray | None = None) -> NDArray[np.float64]:
         """Returns distances `(..., n)` of the tasks' values `(..., k)` from their goals, or from others `(..., k)`."""
-        return goal_distances(achieved, self.desired if desired is None else desired, self.starts)
+        return goal_distances(achieved, self.desired if desired is None else desired, self.first_elements)
 
 
 class Success(abc.ABC):
@@ -259,7 +263,7 @@ class Success(abc.ABC):
 
     @abc.abstractmethod
     def ratios(self, achieved: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the distances `(..., n)` of achieved goals `(..., k)` from completion, which has those up to 1."""
+        """Returns the distance of each task from its goal as a fraction of what completion allows, `(..., n)`."""
 
     @abc.abstractmethod
     def within(
@@ -327,9 +331,9 @@ class StrictSuccess(Success):
     def ratios(self, achieved: NDArray[np.float64], desired: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         desired = self.goals.desired if desired is None else desired
         errors = np.abs(achieved - desired) / self._tolerances
-        ratios: NDArray[np.float64] = np.maximum.reduceat(errors, self.goals.starts, axis=-1)
+        ratios: NDArray[np.float64] = np.maximum.reduceat(errors, self.goals.first_elements, axis=-1)
         for number in self._free:
-            start = self.goals.starts[number]
+            start = self.goals.first_elements[number]
             ratios[..., number] = _pose_ratio(achieved[..., start : start + 7], desired[..., start : start + 7])
         return ratios
 

@@ -116,7 +116,7 @@ def counted_in_order(within: NDArray[np.bool_], completed: NDArray[np.bool_]) ->
     return within & (places < missing[..., np.newaxis])
 
 
-def in_order(order: NDArray[np.int64]) -> list[int]:
+def sequence_of(order: NDArray[np.int64]) -> list[int]:
     """Returns the indices of the tasks that an order `(n,)` asks for, in their sequence."""
     return [int(index) for index in np.argsort(order, kind="stable") if order[index] >= 0]
 

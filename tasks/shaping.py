@@ -36,7 +36,7 @@ class Shares(NamedTuple):
       approach: greatest share of the way to the handle that the hand has covered, in [0, 1].
       previous_approach: the same before the step.
       progress: share of the way to the goal that the joints have covered, in [0, 1].
-      previous_progress: greatest such share before the step; for another goal than the episode's, the last one.
+      previous_progress: greatest such share before the step; where `is_relabelled`, the share just before it.
       is_relabelled: whether the goal is another than the episode's.
       completed: whether the task has been completed.
       previously_completed: the same before the step.
@@ -60,6 +60,10 @@ def covered(distances: Array, initial: Array) -> Array:
     """Returns the share in [0, 1] of initial distances that has been covered; 0 where both are infinite."""
     with np.errstate(invalid="ignore"):
         return np.fmax(1.0 - distances / np.maximum(initial, _LEAST_DISTANCE), 0.0)
+
+
+# The terms are functions of a control step that has `completions` and, for dense rewards, `shares`: the transition of a
+# kitchen's MDP, or a `goal_rewards.RelabelledStep`.
 
 
 def _summed(by_task: Array) -> Array:

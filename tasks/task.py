@@ -466,7 +466,7 @@ class SuiteTask(composer.Task):
                 self.simulation.evaluate()
         reading = mdp.sensors.read(self.simulation)
         draws = mdp.draw_noise(random_state)
-        self._set_episode(self._stepper.observe(self.episode, self._acting, reading, draws), physics)
+        self._set_episode(self._stepper.advance(self.episode, self._acting, reading, draws), physics)
         if self.observations.by_name:
             self._draw_noise_of_observations(random_state)
 

@@ -66,6 +66,7 @@ class Observation:
         `dm_control.composer.variation`; None for no noise. Terms of the reward get the value without noise. The MDP's
         own observations have that of `MDP.corrupted` instead.
       enabled: whether agents observe it; terms of the reward get it in any case.
+      of_robot: whether it belongs to the robot's part of an observation, such as `agent_pos` in Gymnasium.
       minimum: lower bound of its elements in observation spaces.
       maximum: upper bound of its elements in observation spaces.
     """
@@ -73,6 +74,7 @@ class Observation:
     read: Callable[[Simulation, Any], ArrayLike]
     noise: Callable[..., ArrayLike] | None = None
     enabled: bool = True
+    of_robot: bool = False
     minimum: float = -math.inf
     maximum: float = math.inf
 
@@ -83,6 +85,7 @@ class Observation:
         if not (self.noise is None or callable(self.noise)):
             raise TypeError(f"noise must be a corruptor or None, got {checks.shown(self.noise)}")
         checks.boolean(self.enabled, "enabled")
+        checks.boolean(self.of_robot, "of_robot")
         if not self.minimum < self.maximum:
             bounds = f"{checks.shown(self.minimum)} and {checks.shown(self.maximum)}"
             raise ValueError(f"minimum must be less than maximum, got {bounds}")

@@ -75,8 +75,8 @@ class LeverMDP(MDP):
     """The mathematics of an episode, for one or for many."""
 
     observations = {
-        "joint_positions": Observation(lambda simulation, state: state.joint_positions),
-        "joint_velocities": Observation(lambda simulation, state: state.joint_velocities),
+        "joint_positions": Observation(lambda simulation, state: state.joint_positions, of_robot=True),
+        "joint_velocities": Observation(lambda simulation, state: state.joint_velocities, of_robot=True),
         "offset": Observation(lambda simulation, state: state.offset),
         "angle": Observation(lambda simulation, state: state.angle),
     }

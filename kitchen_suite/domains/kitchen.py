@@ -1,4 +1,4 @@
-"""The domains `kitchen`, of the tasks of FrankaKitchen-v1, and `kitchens`, of tasks by kind in generated kitchens."""
+"""The domain `kitchen`: the tasks of FrankaKitchen-v1, and others like them."""
 
 from types import MappingProxyType
 

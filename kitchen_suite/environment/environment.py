@@ -39,7 +39,7 @@ _PHYSICS_NAME = "physics_name"
 
 
 # Key of states, and of infos: length of a control step [s], where it is not the task's own.
-CONTROL_TIMESTEP = "control_timestep"
+CONTROL_TIMESTEP_KEY = "control_timestep"
 
 
 def edits_mjcf(entity: composer.Entity) -> bool:
@@ -215,7 +215,7 @@ class Environment(composer.Environment):
         """Length of a control step [s] by its key in infos and states; empty where it is the task's own."""
         task = self._task
         is_default = task.control_timestep == task.default_control_timestep
-        return {} if is_default else {CONTROL_TIMESTEP: task.control_timestep}
+        return {} if is_default else {CONTROL_TIMESTEP_KEY: task.control_timestep}
 
     def reset(self) -> dm_env.TimeStep:
         if self._seed_stride:
@@ -282,7 +282,7 @@ class Environment(composer.Environment):
         self._reset_next_step = False
 
     def get_state(self) -> dict[str, Any]:
-        """Returns physics, task, random state and step count, on which later steps depend, alike without visuals."""
+        """Returns the state on which later steps depend: the same whether or not the scene has visuals."""
         scene, physics = self._task.scene, np.empty(self._is_shared.size)
         mujoco.mj_getState(self._physics.model.ptr, self._physics.data.ptr, physics, PHYSICS_STATE)
         return {
@@ -316,8 +316,8 @@ class Environment(composer.Environment):
             raise ValueError(f"the state is of physics {checks.shown(found)}, but the environment has {own!r}")
         random = checked_random(state.get("random"), self._random_state)
         task = self._task
-        given = state.get(CONTROL_TIMESTEP, task.default_control_timestep)
-        timestep = checks.number(given, f"state[{CONTROL_TIMESTEP!r}]", positive=True)
+        given = state.get(CONTROL_TIMESTEP_KEY, task.default_control_timestep)
+        timestep = checks.number(given, f"state[{CONTROL_TIMESTEP_KEY!r}]", positive=True)
         if timestep != task.control_timestep:
             here = f"but those of the environment take {task.control_timestep:g} s"
             raise ValueError(f"control steps of the state take {timestep:g} s, {here}")

@@ -22,13 +22,15 @@ from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import cameras
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES
 
-# Option of single environments alone, and of vectorised ones alone.
+# Option of a reset of single environments.
 STATE = "state"
+
+# Option of a reset of vectorised environments.
 RESET_MASK = "reset_mask"
 
 # Keys of infos that hold strings.
 VARIATION_SPLIT = "variation_split"
-PHYSICS = "physics"
+PHYSICS_KEY = "physics"
 INSTRUCTION = "instruction"
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
@@ -146,6 +148,9 @@ class SuiteEnv(gymnasium.Env):
         obs_type = self.find_obs_type(obs_type)
         with_pictures = observations.has_pictures(obs_type)
         options = observations.picture_options(arguments, obs_type, self.obs_types, self.default_cameras)
+        if options.get("control_mode") is None:
+            # None stands for the domain's own control mode.
+            options.pop("control_mode", None)
         self._renderer = rendering.Renderer(
             width=width,
             height=height,
@@ -172,8 +177,7 @@ class SuiteEnv(gymnasium.Env):
             physics=physics,
             control_timestep=control_timestep,
             environment_kwargs=self.environment_options,
-            # None stands for the domain's own control mode.
-            **{name: value for name, value in options.items() if (name, value) != ("control_mode", None)},
+            **options,
         )
         self.composer_task = self.environment.task
         observations.check_extras(self.composer_task, obs_type, self.obs_types)
@@ -189,7 +193,7 @@ class SuiteEnv(gymnasium.Env):
             name = type(self.composer_task).__name__
             raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
         self.varies = bool(self.composer_task.variations.by_name)
-        self._physics_info = {} if physics == EXACT else {PHYSICS: physics}
+        self._physics_info = {} if physics == EXACT else {PHYSICS_KEY: physics}
         self._renderer.check_camera(self.environment)
         rate = 1 / self.environment.control_timestep()
         self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}
@@ -215,14 +219,13 @@ class SuiteEnv(gymnasium.Env):
     def default_of(cls, domain: Domain, name: str) -> Any:
         """Returns the default of a keyword argument of the environments of a domain; None if it has none."""
         defaults = {each: argument.default for each, argument in domain.arguments(cls).items()}
-        return {**defaults, PHYSICS: domain.physics, "cameras": cls.default_cameras}.get(name)
+        return {**defaults, PHYSICS_KEY: domain.physics, "cameras": cls.default_cameras}.get(name)
 
     def _make_observations(self, obs_type: str, flat_goals: bool = False) -> Observations:
         observations.disable_copies(self.composer_task)
         return Observations(
             self.environment,
             obs_type,
-            robot_keys=self.robot_keys,
             flat_goals=flat_goals,
             dtype=self.observation_dtype,
         )
@@ -247,11 +250,6 @@ class SuiteEnv(gymnasium.Env):
     def __repr__(self) -> str:
         settings = f"render_mode={self.render_mode!r}, max_episode_steps={self._max_episode_steps}"
         return f"{type(self).__name__}({self.composer_task!r}, {settings})"
-
-    @property
-    def robot_keys(self) -> tuple[str, ...]:
-        """StateSlices of the flat observation that are the robot's, by their names in the suite's own observation."""
-        return ("joint_positions", "joint_velocities")
 
     @property
     def instruction(self) -> str:

@@ -140,11 +140,6 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
         self._robot_noise_ratio = float(robot_noise_ratio)
 
     @property
-    def robot_keys(self) -> tuple[str, ...]:
-        robot = self.composer_task.robot.mjcf_model.full_identifier
-        return (f"{robot}joint_positions", f"{robot}joint_velocities")
-
-    @property
     def has_goals(self) -> bool:
         """Whether observations hold goals; only then is there `compute_reward`, as of a goal environment."""
         return self.observations.has_goals

@@ -110,13 +110,14 @@ class Observations:
       hidden: keys of the suite's own observation of which they hold nothing.
     """
 
-    def __init__(
-        self, environment: Environment, obs_type: str, *, robot_keys: Collection[str], flat_goals: bool, dtype: Any
-    ) -> None:
-        """Finds the parts of the flat observation, and those of the observation type, a key of `OBS_TYPES`.
+    def __init__(self, environment: Environment, obs_type: str, *, flat_goals: bool, dtype: Any) -> None:
+        """Finds the parts of the flat observation, and those of the observation type.
 
-        The flat observation consists of the environment's enabled observables. Its `robot_keys` and its `dtype` are
-        attributes of `SuiteEnv`. Goals are one array each if `flat_goals`, otherwise dicts by task.
+        Args:
+          environment: whose enabled observables the flat observation consists of.
+          obs_type: a key of `OBS_TYPES`.
+          flat_goals: whether goals are one array each, and not dicts by task.
+          dtype: type of the flat observation.
         """
         self._task = environment.task
         self._mdp = environment.task.mdp
@@ -136,7 +137,9 @@ class Observations:
         bounds = [(terms[key].minimum, terms[key].maximum) if key in terms else (-math.inf, math.inf) for key in keys]
         low, high = (np.repeat(side, sizes).astype(dtype) for side in zip(*bounds, strict=True))
         self.flat_space = spaces.Box(low, high, dtype=dtype)
-        of_robot = {*robot_keys, *(extras.of_robot if extras else ())}
+        of_robot = {key for key, term in terms.items() if term.of_robot}
+        if extras is not None:
+            of_robot |= {*extras.of_robot}
         robot = [np.arange(part.start, part.stop) for key, part in self._slices.items() if key in of_robot]
         self._robot = np.concatenate([*robot, np.zeros(0, np.int64)])
         self._rest = np.setdiff1d(np.arange(low.size), self._robot)

@@ -33,7 +33,7 @@ from kitchen_suite.settings import FAILURE, USAGE
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import FRANKA_SLICES, ROUNDING, SIZE, KitchenReading
-from kitchen_suite.tasks.orders import in_order, order_of
+from kitchen_suite.tasks.orders import order_of, sequence_of
 from kitchen_suite.tasks.records import Metrics
 from kitchen_suite.versions import installed_versions
 
@@ -201,7 +201,7 @@ def convert(
     achieved = np.concatenate(parts, axis=1)
     within = mdp.success.within(achieved)[1:]
     first = np.where(within.any(axis=0), within.argmax(axis=0), -1)
-    order, noise = order_of(in_order(first), first.size), np.zeros(mdp.noise_draws)
+    order, noise = order_of(sequence_of(first), first.size), np.zeros(mdp.noise_draws)
     readings = [KitchenReading(*rows) for rows in zip(robot, achieved, strict=True)]
     state = mdp.with_request(mdp.initial_state(readings[0], noise), order)
     buffer = EpisodeBuffer(observe(0, state), _info(task, state, 0))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.environment import PHYSICS_STATE, Environment
 from kitchen_suite.environment.edits import ModelSnapshot, read_field, write_field
-from kitchen_suite.gymnasium_env.base import PHYSICS
+from kitchen_suite.gymnasium_env.base import PHYSICS_KEY
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.control_modes.mode import MEDIAN
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
@@ -220,18 +220,21 @@ class BatchEpisodes:
         Returns:
           Rewards, terminations, and which simulations diverged, each `(n,)`; 0 and False where not `stepping`.
         """
-        mdp, everyone = self._mdp, bool(stepping.all())
+        mdp = self._mdp
+        everyone = bool(stepping.all())
         acting = self._stepper.act(self.state, actions, self._draw_actions(stepping))
         self.simulation.write("ctrl", mdp.sensors.ctrl, acting.ctrl)
         self.batch.step(None if everyone else stepping, self._physics_steps, self._stage)
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
-        everyone, alive = everyone and not diverged.any(), stepping & ~diverged
+        alive = stepping & ~diverged
         self._draw_noise(alive)
         if self._extras:
             self._extra_values = self._extras.read(self.simulation)
-        after = self._stepper.observe(self.state, acting, self._sensors.read(self.simulation), self._draws)
+        after = self._stepper.advance(self.state, acting, self._sensors.read(self.simulation), self._draws)
         self._draw_noise_of_observations(after, alive)
-        self.state = after if everyone else after.persisting(mdp.persistent, self.state.mdp_state, ~alive)
+        self.state = (
+            after if everyone and not diverged.any() else after.persisting(mdp.persistent, self.state.mdp_state, ~alive)
+        )
         self.steps += stepping
         self.has_moved |= stepping
         rewards = np.where(alive, mdp.reward(after.mdp_state), 0.0)
@@ -282,7 +285,7 @@ class BatchEpisodes:
     def variation_info(self) -> dict[str, Any]:
         """Returns the infos on variation, physics and control step: fresh arrays `(n, ...)`, and dicts of these."""
         physics = self._task.scene.physics
-        named = {} if physics == EXACT else {PHYSICS: np.full(self.steps.shape, physics, object)}
+        named = {} if physics == EXACT else {PHYSICS_KEY: np.full(self.steps.shape, physics, object)}
         changed = self._environments[0].changed_timestep.items()
         timestep = {name: np.full(self.steps.shape, value) for name, value in changed}
         return {**vector_checks.copied(self.state.variation), **named, **timestep}

@@ -38,7 +38,7 @@ REACH = 1.0
 _LEAST_NORM = 1e-6
 
 
-class Arm:
+class ArmKinematics:
     """Kinematics of the arm in a compiled scene, for one simulation or many.
 
     Attributes:
@@ -118,10 +118,11 @@ class EndEffectorMode(ActionMode):
         "ctrl[:7]: differential inverse kinematics of the commanded pose, which kitchen_suite.tasks.control_modes "
         "computes; both fingers: from open at action[-1] = -1 to closed at 1, linear between"
     )
+    suits_any_robot = True
     stage = mujoco.mjtStage.mjSTAGE_VEL
 
     def bind(self, physics: mjcf.Physics, robot: Robot, timestep: float) -> None:
-        self._arm = Arm(physics, robot, timestep)
+        self._arm = ArmKinematics(physics, robot, timestep)
         self._gripper = Gripper(robot)
         self._timestep = timestep
 

@@ -27,12 +27,14 @@ class ActionMode(abc.ABC):
     Attributes:
       name: of the mode, as the argument `control_mode` takes it.
       formula: how targets `ctrl` follow from the action, in words that other programs can follow.
+      suits_any_robot: whether it moves other arms than the Franka as well.
       draws: whether a number is drawn from U(0, 1) for each action; `MEDIAN` stands for it otherwise.
       stage: stage of MuJoCo's pipeline up to which the state before a control step must be evaluated.
     """
 
     name: ClassVar[str]
     formula: ClassVar[str]
+    suits_any_robot: ClassVar[bool] = False
     draws: bool = False
     stage: ClassVar[mujoco.mjtStage] = mujoco.mjtStage.mjSTAGE_NONE
 

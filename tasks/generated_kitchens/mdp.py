@@ -38,7 +38,7 @@ SLOT_SLICES = end_to_end(
 )
 SLOT_SIZE = SLOT_SLICES["requested"].stop
 
-# StateSlices of the flat observation, which ends earlier where fewer slots are observed.
+# Parts of the flat observation, which ends earlier where fewer slots are observed.
 SLICES = end_to_end({"joint_positions": 9, "joint_velocities": 9, "hand_pose": 9, "slots": MAX_PARTS * SLOT_SIZE})
 SIZE = SLICES["slots"].stop
 
@@ -53,7 +53,7 @@ _ROBOT_AMPLITUDE = 0.1  # Of joint positions [rad, m] and velocities [rad/s, m/s
 _HANDLE_AMPLITUDE = 0.2  # Of handles [m].
 _OPENING_AMPLITUDE = 0.5  # Of openings, as a share.
 
-# StateSlices of the noise.
+# Parts of the noise.
 _NOISE = end_to_end({"positions": 9, "velocities": 9, "handles": 3 * MAX_PARTS, "openings": MAX_PARTS})
 NOISE_SIZE = _NOISE["openings"].stop
 NOISE_SLICES = MappingProxyType(
@@ -427,8 +427,8 @@ class GeneratedKitchenMDP(MDP[SlotReading, GeneratedKitchenState]):
     def observations(self) -> Mapping[str, Observation]:
         """Joints, hand, and slots of parts, those of requested ones first; in single precision, with their noise."""
         return {
-            "joint_positions": _single(lambda state: state.positions + state.noise[..., _NOISE["positions"]]),
-            "joint_velocities": _single(lambda state: state.velocities + state.noise[..., _NOISE["velocities"]]),
+            "joint_positions": _single(_observed_positions, of_robot=True),
+            "joint_velocities": _single(_observed_velocities, of_robot=True),
             "hand_pose": _single(_hand_pose),
             "slots": _single(lambda state: _observed_slots(state, self.num_slots)),
         }
@@ -459,9 +459,19 @@ class GeneratedKitchenMDP(MDP[SlotReading, GeneratedKitchenState]):
         return infos
 
 
-def _single(read: Callable[[GeneratedKitchenState], Array]) -> Observation:
+def _single(read: Callable[[GeneratedKitchenState], Array], *, of_robot: bool = False) -> Observation:
     """Returns the observation of what is read of a state, in single precision."""
-    return Observation(lambda simulation, state: read(state).astype(np.float32))
+    return Observation(lambda simulation, state: read(state).astype(np.float32), of_robot=of_robot)
+
+
+def _observed_positions(state: GeneratedKitchenState) -> Array:
+    """Returns the positions `(..., 9)` of the robot's joints with their noise [rad, m]."""
+    return state.positions + state.noise[..., _NOISE["positions"]]
+
+
+def _observed_velocities(state: GeneratedKitchenState) -> Array:
+    """Returns the velocities `(..., 9)` of the robot's joints with their noise [rad/s, m/s]."""
+    return state.velocities + state.noise[..., _NOISE["velocities"]]
 
 
 def _hand_pose(state: GeneratedKitchenState) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.fixtures import Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
-from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, TaskDraw, checked_order, in_order, order_of
+from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, TaskDraw, checked_order, order_of, sequence_of
 from kitchen_suite.tasks.requests import Requests
 from kitchen_suite.types import Array
 
@@ -108,11 +108,11 @@ class PartRequests(Requests):
         if orders is None or goals is None:
             return {}
         order, slots = checked_order(orders[0], MAX_PARTS, f"recorded {REQUESTED_ORDER}"), self._slots.values()
-        if goals.shape[1:] != order.shape or any((k, bool(goals[0, k])) not in slots for k in in_order(order)):
+        if goals.shape[1:] != order.shape or any((k, bool(goals[0, k])) not in slots for k in sequence_of(order)):
             raise ValueError(f"recorded goal_openings ask for no tasks of this kitchen: {checks.shown(goals[0])}")
         return {REQUESTED: self.names(order, goals[0])}
 
     def names(self, order: NDArray[np.int64], goal: Array) -> list[str]:
         """Returns the tasks that an order `(K,)` with goals `(K,)` asks for, in their sequence."""
         by_slot = {slot: task for task, slot in self._slots.items()}
-        return [by_slot[k, bool(goal[k])] for k in in_order(order)]
+        return [by_slot[k, bool(goal[k])] for k in sequence_of(order)]

@@ -25,7 +25,7 @@ from kitchen_suite.tasks.generated_kitchens.requests import VERBS, PartRequests,
 from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
-from kitchen_suite.tasks.orders import in_order
+from kitchen_suite.tasks.orders import sequence_of
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
@@ -155,7 +155,7 @@ class GeneratedKitchenTask(SuiteTask):
 
     def instructions_of(self, order: NDArray[np.int64], goal: Array) -> tuple[str, ...]:
         """Returns the instructions of an episode that asks for goals `(K,)` in an order `(K,)`; empty for nothing."""
-        each = [self._sentences(k, bool(goal[k])) for k in in_order(order)]
+        each = [self._sentences(k, bool(goal[k])) for k in sequence_of(order)]
         return tuple(", then ".join(sentences) for sentences in zip(*each, strict=True))
 
     def _sentences(self, k: int, opens: bool) -> tuple[str, ...]:

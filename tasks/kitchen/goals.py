@@ -18,7 +18,7 @@ from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
 from kitchen_suite.types import Array
 
 # Positions of the joints by prop.
-_OBJECTS = {
+_OBJECT_STARTS = {
     "oven": (
         *(-0.00026627985, -5.18043486e-05),
         *(3.1287722e-05, -4.51199853e-05),
@@ -32,12 +32,12 @@ _OBJECTS = {
     "kettle": (-0.26939744, 0.350383255, 1.61944683, 1.00618764, 0.0040639512, -0.00662095997, -0.000268278933),
 }
 
-INITIAL_QPOS = np.array([*KITCHEN_FRANKA.home.values(), *in_observed_order(_OBJECTS)])
+INITIAL_QPOS = np.array([*KITCHEN_FRANKA.home.values(), *in_observed_order(_OBJECT_STARTS)])
 
 
 def initial_qpos(robot: Robot) -> Array:
     """Returns the positions of robot and objects at the start of an episode [rad, m, quaternion]."""
-    return np.array([*robot.home, *in_observed_order(_OBJECTS)])
+    return np.array([*robot.home, *in_observed_order(_OBJECT_STARTS)])
 
 
 class Start(NamedTuple):
@@ -213,7 +213,7 @@ def _reverse(task: str) -> Goal:
     forward = _FORWARD[REVERSES[task]]
     # The goal of `hinge cabinet` is for both of its doors, of which the right one comes last.
     joints = ("right_hinge_cabinet",) if task == "close hinge cabinet" else forward.joints
-    value: tuple[float, ...] = _OBJECTS[forward.prop]
+    value: tuple[float, ...] = _OBJECT_STARTS[forward.prop]
     if joints is not None:
         value = tuple(value[JOINT_NAMES[forward.prop].index(name)] for name in joints)
     return Goal(

@@ -217,7 +217,9 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def attempted(self, state: KitchenState) -> NDArray[np.bool_]:
         """Returns which tasks `(..., n)` the next step may complete, or have been completed before."""
         current = self.current_mask(state)
-        return current | state.progress.completed if self.ordering.in_turn else current
+        if self.ordering.in_turn:
+            return current | state.progress.completed
+        return current
 
     def start_shaping(self, reading: KitchenReading) -> Shaping | None:
         """Returns the state of a dense reward at a reset; None for the sparse one."""

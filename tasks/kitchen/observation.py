@@ -37,12 +37,12 @@ _OBJECT_VELOCITIES = {
     "kettle": [*[0.005] * 3, *[0.1] * 3],
 }
 
-_OBJECTS = (*in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES))
+_OBJECT_AMPLITUDES = (*in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES))
 ROUNDING = 1e-6  # Greatest rounding error of recorded numbers, in single precision.
 
 
 class StateSlices(NamedTuple):
-    """StateSlices of the observation, in order, for a robot of some number of joints.
+    """Places of the parts of the observation, in order, for a robot of some number of joints.
 
     Attributes:
       robot_positions: of the robot's joints.
@@ -74,7 +74,7 @@ class StateSlices(NamedTuple):
 
     @property
     def noise(self) -> Mapping[str, slice]:
-        """StateSlices whose noise varies as one."""
+        """Parts whose noise varies as one."""
         robot = self.robot_velocities.stop
         return MappingProxyType({"robot_noise": slice(0, robot), "object_noise": slice(robot, self.size)})
 
@@ -88,7 +88,7 @@ def noise_scale(parts: StateSlices = FRANKA_SLICES, *, robot_ratio: float, objec
     ratios = np.full(parts.size, object_ratio)
     robot = parts.noise["robot_noise"]
     ratios[robot] = robot_ratio
-    return ratios * np.array([*[0.1] * robot.stop, *_OBJECTS])
+    return ratios * np.array([*[0.1] * robot.stop, *_OBJECT_AMPLITUDES])
 
 
 AMPLITUDES = noise_scale(robot_ratio=1.0, object_ratio=1.0)
@@ -167,8 +167,12 @@ class KitchenSensors:
         """
         robot = self.robot.mjcf_model.full_identifier
         return {
-            f"{robot}joint_positions": Observation(lambda physics, _: physics.read("qpos", self.indices.robot_qpos)),
-            f"{robot}joint_velocities": Observation(lambda physics, _: physics.read("qvel", self.indices.robot_qvel)),
-            "object_positions": Observation(lambda physics, _: physics.read("qpos", self.indices.object_qpos)),
-            "object_velocities": Observation(lambda physics, _: physics.read("qvel", self.indices.object_qvel)),
+            f"{robot}joint_positions": Observation(
+                lambda simulation, _: simulation.read("qpos", self.indices.robot_qpos), of_robot=True
+            ),
+            f"{robot}joint_velocities": Observation(
+                lambda simulation, _: simulation.read("qvel", self.indices.robot_qvel), of_robot=True
+            ),
+            "object_positions": Observation(lambda simulation, _: simulation.read("qpos", self.indices.object_qpos)),
+            "object_velocities": Observation(lambda simulation, _: simulation.read("qvel", self.indices.object_qvel)),
         }

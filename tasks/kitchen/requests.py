@@ -17,9 +17,9 @@ from kitchen_suite.tasks.orders import (
     TaskDraw,
     checked_order,
     checked_weights,
-    in_order,
     order_of,
     requested_order,
+    sequence_of,
 )
 from kitchen_suite.tasks.requests import Requests
 from kitchen_suite.types import Array
@@ -151,11 +151,11 @@ class TaskRequests(Requests):
 
     def tasks_in(self, order: NDArray[np.int64]) -> list[str]:
         """Returns the tasks that an order `(n,)` asks for."""
-        return [self._goals.tasks[index] for index in in_order(order)]
+        return [self._goals.tasks[index] for index in sequence_of(order)]
 
     def instructions_in(self, order: NDArray[np.int64]) -> tuple[str, ...]:
         """Returns the instructions of the tasks that an order `(n,)` asks for."""
-        return self._goals.instructions(in_order(order))
+        return self._goals.instructions(sequence_of(order))
 
     def saved(self) -> dict[str, NDArray]:
         """Returns what the task's state holds for draws of later episodes."""

@@ -98,7 +98,7 @@ def task_shares(
             goals.distances(each, desired) for each in (shaping.initial_achieved, achieved, before)
         )
         within_before, within = success.within(before, desired), success.within(achieved, desired)
-    is_relabelled = np.logical_or.reduceat(desired != goals.desired, goals.starts, axis=-1)
+    is_relabelled = np.logical_or.reduceat(desired != goals.desired, goals.first_elements, axis=-1)
     # Of another goal, only the last step before is known.
     previously_completed = np.where(is_relabelled, within_before, shaping.previously_completed)
     shares = Shares(
@@ -111,6 +111,3 @@ def task_shares(
         previously_completed=previously_completed,
     )
     return Shares(*(np.where(mask, part, np.zeros((), part.dtype)) for part in shares))
-
-
-# The terms are functions of a control step: a `KitchenTransition`, or a `goal_rewards.RelabelledStep`.

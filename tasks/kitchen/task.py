@@ -11,7 +11,6 @@ from kitchen_suite import checks
 from kitchen_suite.entities import Scene
 from kitchen_suite.entities.arms import FRANKA
 from kitchen_suite.names import DEFAULT_TASKS, KITCHEN_ENVIRONMENT
-from kitchen_suite.tasks.control_modes.end_effector import EndEffectorMode
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, make_success
 from kitchen_suite.tasks.highlighting import Highlighting
@@ -48,7 +47,7 @@ class KitchenTask(SuiteTask):
     Attributes:
       mdp: the task's settings.
       requests: the tasks that episodes ask for.
-      reward_name: key of the reward in `reward.REWARDS`.
+      reward_name: key of the reward in `tasks.shaping.REWARDS`.
       success_options: the arguments `success` and `threshold` that the task was given.
     """
 
@@ -88,7 +87,7 @@ class KitchenTask(SuiteTask):
           scene: the furnished kitchen; each task needs a scene of its own.
           tasks_to_complete: keys of `goals.GOALS`, by default the reference's; lists keep this order.
           terminate_on_tasks_completed: whether the episode terminates once every task has been completed; when
-            omitted, unless the reward is one of `reward.CONTINUING`.
+            omitted, unless the reward is one of `tasks.shaping.CONTINUING`.
           remove_task_when_completed: whether a task is rewarded once (`True`), or in every step within its threshold.
           object_noise_ratio: scale of the noise of the objects' part of the observation; 0 for none.
           robot_noise_ratio: scale of the noise of the robot's part of the observation; 0 for none.
@@ -96,7 +95,7 @@ class KitchenTask(SuiteTask):
           threshold: distance from the goal below which a task is complete, of all tasks or by task [rad, m]; 0.3 when
             omitted. Not together with `success`.
           success: `original`, by the threshold, or `strict`, by joint; see `StrictSuccess`.
-          reward: key of `reward.REWARDS`: `sparse`, or a dense one such as `dense_gain`.
+          reward: key of `tasks.shaping.REWARDS`: `sparse`, or a dense one such as `dense_gain`.
           tasks_per_episode: number of the tasks that an episode asks for, or a pair of the least and greatest number;
             each reset draws which of `tasks_to_complete`, and their order. Only these count for the start, the reward,
             the end and the infos. Every episode asks for all when omitted.
@@ -134,8 +133,10 @@ class KitchenTask(SuiteTask):
         terminates = reward not in CONTINUING if terminate_on_tasks_completed is None else terminate_on_tasks_completed
         sensors = KitchenSensors(scene, goal_set, measures_hand=reward != "sparse")
         mode = make_mode(control_mode, self.control_modes, control)
-        if not (scene.robot.specification.name == FRANKA or isinstance(mode, EndEffectorMode)):
-            modes = [name for name in self.control_modes if name.startswith("ee_")]
+        if not (scene.robot.specification.name == FRANKA or mode.suits_any_robot):
+            modes = [
+                name for name, each in self.control_modes.items() if isinstance(each, type) and each.suits_any_robot
+            ]
             name = scene.robot.mjcf_model.model
             raise ValueError(f"robot {name!r} needs one of the control modes {modes}, got {control_mode!r}")
         mdp = KitchenMDP(

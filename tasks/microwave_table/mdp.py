@@ -24,6 +24,7 @@ SLICES = end_to_end(
     {"joint_positions": 9, "joint_velocities": 9, "handle_offset": 3, "door_position": 1, "door_velocity": 1}
 )
 SIZE = SLICES["door_velocity"].stop
+ROBOT_KEYS = ("joint_positions", "joint_velocities")  # Keys of the robot's parts.
 
 # Angle of the open door [rad].
 OPEN_ANGLE = -0.75
@@ -109,7 +110,10 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
 
     @functools.cached_property
     def observations(self) -> Mapping[str, Observation]:
-        return {key: Observation(functools.partial(self._part, place)) for key, place in SLICES.items()}
+        return {
+            key: Observation(functools.partial(self._part, place), of_robot=key in ROBOT_KEYS)
+            for key, place in SLICES.items()
+        }
 
     @staticmethod
     def _part(place: slice, simulation: Simulation, state: MicrowaveTableState) -> NDArray[np.float32]:

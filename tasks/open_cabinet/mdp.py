@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.open_cabinet.features import FEATURE_INDICES, Features, OpenCabinetSensors, scalars
-from kitchen_suite.tasks.open_cabinet.observation import LIMIT, SIZE, SLICES, clipped, observe
+from kitchen_suite.tasks.open_cabinet.observation import LIMIT, ROBOT_KEYS, SIZE, SLICES, clipped, observe
 from kitchen_suite.tasks.open_cabinet.reward import Grip, grip, succeeds, terminates
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, Transition
@@ -156,7 +156,9 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
     @functools.cached_property
     def observations(self) -> Mapping[str, Observation]:
         return {
-            key: Observation(functools.partial(self._part, place), minimum=-LIMIT, maximum=LIMIT)
+            key: Observation(
+                functools.partial(self._part, place), of_robot=key in ROBOT_KEYS, minimum=-LIMIT, maximum=LIMIT
+            )
             for key, place in SLICES.items()
         }
 

@@ -72,6 +72,9 @@ QUANTITIES: Mapping[str, Callable[[Features], Array]] = MappingProxyType(
     }
 )
 
+# Keys of the robot's parts.
+ROBOT_KEYS = ("joint_positions", "joint_velocities")
+
 # Slice of each part in the flat vector.
 SLICES = end_to_end({key: compute(Features(np.zeros(FEATURES_SIZE))).size for key, compute in QUANTITIES.items()})
 SIZE = sum(place.stop - place.start for place in SLICES.values())

@@ -98,6 +98,33 @@ def numbers(observation):
     return observation["observation"] if isinstance(observation, dict) else observation
 
 
+class GraspTask(tasks.KitchenTask):
+    """The kitchen with a part of the robot, and one of the world, that are observed besides."""
+
+    extra_observations = {
+        "hand_height": Observation(
+            lambda simulation, state: simulation.named("site_xpos", "franka/end_effector")[..., 2:], of_robot=True
+        ),
+        "door": Observation(lambda simulation, state: simulation.named("qpos", "microwave/microwave")),
+    }
+
+
+def test_what_is_of_the_robot_is_in_agent_pos():
+    with registered("kitchen", GraspTask) as record:
+        plain = gymnasium.make("KitchenSuite/FrankaKitchen-v1", obs_type="environment_state_agent_pos")
+        env = gymnasium.make(record.env_id, obs_type="environment_state_agent_pos")
+        envs = gymnasium.make_vec(record.env_id, 2, obs_type="environment_state_agent_pos")
+        one, _ = plain.reset(seed=0)
+        other, _ = env.reset(seed=0)
+        many, _ = envs.reset(seed=0)
+        data = env.unwrapped.environment.physics.named.data
+        hand, door = data.site_xpos["franka/end_effector", "z"], data.qpos["microwave/microwave"]
+        assert other["agent_pos"].tolist() == [*one["agent_pos"], hand]
+        assert other["environment_state"].tolist() == [*one["environment_state"], *door]
+        for key, part in other.items():
+            np.testing.assert_array_equal(many[key][0], part)
+
+
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_an_object_with_its_observations_rewards_and_termination_acts_in_all_front_ends(domain):
     with registered(domain, mug_task(domain)) as record:

@@ -404,7 +404,7 @@ def test_the_gripper_is_linear_from_open_to_closed(scene, share, finger):
 @pytest.mark.parametrize("timestep", [LONG, SHORT])
 def test_the_arm_moves_by_the_step_that_reaches_error_and_posture(scene, timestep):
     """Where one joint step leads to both, it is the step, whatever the damping."""
-    arm, response = end_effector.Arm(scene.physics, scene.robot, timestep), RESPONSES[timestep]
+    arm, response = end_effector.ArmKinematics(scene.physics, scene.robot, timestep), RESPONSES[timestep]
     states = [state(scene), state(scene, MIDDLE + 0.1)]
     steps = np.random.default_rng(0).uniform(-0.02, 0.02, (2, 7))
     errors = np.array([each.jacobian @ step for each, step in zip(states, steps, strict=True)])
@@ -433,7 +433,7 @@ def test_the_arms_steps_end_at_the_joint_limits(scene, inside, step, expected, s
     np.fill_diagonal(arms, limit[:7] - sign * inside)
     states, steps = [state(scene, arm) for arm in arms], sign * step * np.eye(7)
     errors = np.array([each.jacobian @ step for each, step in zip(states, steps, strict=True)])
-    target = end_effector.Arm(scene.physics, scene.robot, LONG).target(
+    target = end_effector.ArmKinematics(scene.physics, scene.robot, LONG).target(
         simulation(*states), errors, arms + steps / (0.25 * 0.1)
     )
     moved = (target - [each.hold for each in states] - arms) * 0.1 / LAG

@@ -238,7 +238,7 @@ def test_position_targets_stay_within_bounds_over_batches():
 def test_distances_are_euclidean_over_batches():
     goals = GoalSet.build(GOALS, ["kettle", "microwave", "light switch"])
     achieved = np.random.default_rng(0).normal(size=(4, 5, 10))
-    distances = goal_distances(achieved, goals.desired, goals.starts)
+    distances = goal_distances(achieved, goals.desired, goals.first_elements)
     for i, (task, values) in enumerate(goals.split(achieved).items()):
         np.testing.assert_allclose(distances[..., i], np.linalg.norm(values - GOALS[task].value, axis=-1), rtol=1e-14)
 

@@ -5,13 +5,13 @@ import itertools
 
 import numpy as np
 
-from kitchen_suite.tasks.orders import TaskDraw, in_order, order_of
+from kitchen_suite.tasks.orders import TaskDraw, order_of, sequence_of
 
 
 def draws(least, most, weights, count=4000):
     """Returns the indices of the tasks asked, in order, of many draws."""
     random_state, draw = np.random.RandomState(0), TaskDraw(least=least, most=most)
-    return [in_order(draw.draw(random_state, np.array(weights, float))) for _ in range(count)]
+    return [sequence_of(draw.draw(random_state, np.array(weights, float))) for _ in range(count)]
 
 
 def test_every_ordered_choice_is_equally_likely():
@@ -49,4 +49,4 @@ def test_weights_leave_the_order_and_the_random_numbers_unchanged():
 
 def test_an_order_and_its_indices_are_inverse():
     np.testing.assert_array_equal(order_of([3, 0], 5), [1, -1, -1, 0, -1])
-    assert in_order(order_of([3, 0], 5)) == [3, 0]
+    assert sequence_of(order_of([3, 0], 5)) == [3, 0]
