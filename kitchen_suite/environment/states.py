@@ -47,7 +47,7 @@ def write_sleep(model: mujoco.MjModel, data: mujoco.MjData, tree_asleep: NDArray
     data.tree_awake[:] = tree_asleep < 0
     moves = model.body_treeid >= 0
     data.body_awake[moves] = data.tree_awake[model.body_treeid[moves]]
-    sleeps = data.body_awake == int(mujoco.mjtSleepState.mjSASLEEP)
+    sleeps = data.body_awake == int(mujoco.mjtSleepState.mjS_ASLEEP)
     is_child = np.arange(model.nbody) > 0
     (bodies,) = np.nonzero(~sleeps)
     (children,) = np.nonzero(is_child & ~sleeps[model.body_parentid])

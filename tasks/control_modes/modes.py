@@ -53,3 +53,9 @@ def make_mode(name: str, modes: Mapping[str, Callable[..., ActionMode]], options
         if name not in owners:
             raise ValueError(f"{option} is an argument of control_mode {' and '.join(owners)}, not of {name!r}")
     return make(**given)
+
+
+def names_for_any_robot(modes: Mapping[str, Callable[..., ActionMode]]) -> list[str]:
+    """Returns the names of the classes of modes that move other arms than the Franka as well."""
+    classes = {name: mode for name, mode in modes.items() if isinstance(mode, type) and issubclass(mode, ActionMode)}
+    return [name for name, mode in classes.items() if mode.suits_any_robot]

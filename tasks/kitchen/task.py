@@ -11,7 +11,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities import Scene
 from kitchen_suite.entities.arms import FRANKA
 from kitchen_suite.names import DEFAULT_TASKS, KITCHEN_ENVIRONMENT
-from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
+from kitchen_suite.tasks.control_modes.modes import make_mode, names_for_any_robot, split_options
 from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, make_success
 from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
@@ -134,9 +134,7 @@ class KitchenTask(SuiteTask):
         sensors = KitchenSensors(scene, goal_set, measures_hand=reward != "sparse")
         mode = make_mode(control_mode, self.control_modes, control)
         if not (scene.robot.specification.name == FRANKA or mode.suits_any_robot):
-            modes = [
-                name for name, each in self.control_modes.items() if isinstance(each, type) and each.suits_any_robot
-            ]
+            modes = names_for_any_robot(self.control_modes)
             name = scene.robot.mjcf_model.model
             raise ValueError(f"robot {name!r} needs one of the control modes {modes}, got {control_mode!r}")
         mdp = KitchenMDP(
