@@ -102,8 +102,8 @@ class EpisodeState(NamedTuple):
         parts = {"command": self.command, "sensing": self.sensing, "push": self.push, "measured": self.measured}
         return {name: part for name, part in parts.items() if part is not None}
 
-    def persisting(self, names: Sequence[str], before: Any, where: NDArray[np.bool_] | bool) -> Self:
-        """Returns the state with fields of an earlier state of the MDP, where a mask `(...)` is True."""
+    def keep_fields(self, names: Sequence[str], before: Any, where: NDArray[np.bool_] | bool) -> Self:
+        """Returns the state with some fields of the MDP's earlier state, where a mask `(...)` is True."""
         kept = {name: np.where(where, getattr(before, name), getattr(self.mdp_state, name)) for name in names}
         return self._replace(mdp_state=self.mdp_state._replace(**kept)) if kept else self
 
@@ -199,7 +199,7 @@ class Stepper:
             values = self.observations.measure(self.simulation, step.after, acting.action.shape[:-1])
             step.observations = values
             step.previous_observations = measured.values
-            measured = Measured(values, self.observations.uncorrupted(values))
+            measured = Measured(values, self.observations.noise_buffers(values))
         if self.terminations:
             terminations = self._extra_terminations(step)
         after = mdp.rewarded(step)

@@ -89,8 +89,8 @@ class ExtraObservations:
                 )
         return noisy
 
-    def uncorrupted(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """Returns arrays for values with noise, of those that have any, which hold none yet."""
+    def noise_buffers(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Returns copies of the values of those that have noise, which `corrupt` is to replace."""
         return {name: values[name].copy() for name in self._noisy}
 
     def shown(self, measured: Measured, name: str) -> Array:

@@ -2,6 +2,7 @@
 
 import abc
 import collections
+import dataclasses
 import functools
 import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -169,6 +170,8 @@ class SuiteTask(composer.Task):
         self.scene = scene
         self.robot = scene.robot
         self.mdp = mdp
+        if self.extra_rewards:
+            self.mdp = dataclasses.replace(mdp, rewards=self._with_extra_rewards(mdp.rewards))
         self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
         self.requests = Requests()
@@ -184,7 +187,7 @@ class SuiteTask(composer.Task):
                 raise TypeError(f"extra_terminations[{name!r}] must be a function, got {checks.shown(termination)}")
 
     @classmethod
-    def with_extra_rewards(cls, rewards: Mapping[str, RewardTerm]) -> dict[str, RewardTerm]:
+    def _with_extra_rewards(cls, rewards: Mapping[str, RewardTerm]) -> dict[str, RewardTerm]:
         """Returns the terms of a reward and the `extra_rewards`; a ValueError where both have a term of one name."""
         if taken := sorted(rewards.keys() & cls.extra_rewards.keys()):
             raise ValueError(f"extra_rewards of {cls.__name__} must have other names than the reward's terms: {taken}")
@@ -495,8 +498,8 @@ class SuiteTask(composer.Task):
         if self.observations.by_name:
             self.simulation.evaluate()
             values = self.observations.measure(self.simulation, state, ())
-            episode = episode._replace(measured=Measured(values, self.observations.uncorrupted(values)))
-        self._set_episode(episode if before is None else episode.persisting(mdp.persistent, before, True), physics)
+            episode = episode._replace(measured=Measured(values, self.observations.noise_buffers(values)))
+        self._set_episode(episode if before is None else episode.keep_fields(mdp.persistent, before, True), physics)
         self.start_command(physics)
 
     def start_command(self, physics: mjcf.Physics) -> None:

@@ -127,7 +127,7 @@ class LeverTask(SuiteTask):
         mdp = LeverMDP(
             sensors=sensors,
             action_mode=make_mode(control_mode, self.control_modes, control),
-            rewards=self.with_extra_rewards({"approach": approach, "push": push}),
+            rewards={"approach": approach, "push": push},
         )
         super().__init__(scene, mdp, **others)
         self.vary(handles=scene.props["lever"].handles)

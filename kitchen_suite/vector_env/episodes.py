@@ -221,10 +221,9 @@ class BatchEpisodes:
           Rewards, terminations, and which simulations diverged, each `(n,)`; 0 and False where not `stepping`.
         """
         mdp = self._mdp
-        everyone = bool(stepping.all())
         acting = self._stepper.act(self.state, actions, self._draw_actions(stepping))
         self.simulation.write("ctrl", mdp.sensors.ctrl, acting.ctrl)
-        self.batch.step(None if everyone else stepping, self._physics_steps, self._stage)
+        self.batch.step(None if stepping.all() else stepping, self._physics_steps, self._stage)
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
         alive = stepping & ~diverged
         self._draw_noise(alive)
@@ -232,9 +231,8 @@ class BatchEpisodes:
             self._extra_values = self._extras.read(self.simulation)
         after = self._stepper.advance(self.state, acting, self._sensors.read(self.simulation), self._draws)
         self._draw_noise_of_observations(after, alive)
-        self.state = (
-            after if everyone and not diverged.any() else after.persisting(mdp.persistent, self.state.mdp_state, ~alive)
-        )
+        before = self.state.mdp_state
+        self.state = after if alive.all() else after.keep_fields(mdp.persistent, before, ~alive)
         self.steps += stepping
         self.has_moved |= stepping
         rewards = np.where(alive, mdp.reward(after.mdp_state), 0.0)

@@ -125,7 +125,7 @@ class GeneratedKitchenTask(SuiteTask):
         mdp = GeneratedKitchenMDP(
             sensors=SlotSensors(scene),
             action_mode=make_mode(control_mode, self.control_modes, control),
-            rewards=self.with_extra_rewards(REWARDS[checks.choice(reward, REWARDS, "reward")]),
+            rewards=REWARDS[checks.choice(reward, REWARDS, "reward")],
             noise_scale=noise_scale(
                 robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
                 object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),

@@ -141,7 +141,7 @@ class KitchenTask(SuiteTask):
             sensors=sensors,
             action_mode=mode,
             goals=goal_set,
-            rewards=self.with_extra_rewards(REWARDS[reward]),
+            rewards=REWARDS[reward],
             noise_scale=noise_scale(
                 sensors.slices,
                 robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),

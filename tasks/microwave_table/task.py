@@ -115,7 +115,7 @@ class MicrowaveTableTask(SuiteTask):
         mdp = MicrowaveTableMDP(
             sensors=_sensors(scene),
             action_mode=make_mode(control_mode, self.control_modes, control),
-            rewards=self.with_extra_rewards(REWARDS),
+            rewards=REWARDS,
             threshold=checks.number(threshold, "threshold"),
         )
         super().__init__(scene, mdp, **observables)

@@ -104,7 +104,7 @@ class OpenCabinetTask(SuiteTask):
             action_size=action_size,
             noise_scale=observation.noise_scale(observation_noise),
             handle_radius=scene.cabinet.config.handle_radius,
-            rewards=self.with_extra_rewards(REWARDS[checks.choice(reward, REWARDS, "reward")]),
+            rewards=REWARDS[checks.choice(reward, REWARDS, "reward")],
         )
         self.reward_name = reward
         super().__init__(scene, mdp, **observables)
