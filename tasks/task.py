@@ -200,6 +200,11 @@ class SuiteTask(composer.Task):
         }
         state: dict[str, observable.Observable] = {}
         for key, term in self.mdp.observations.items():
+            if term.noise is not None or not term.enabled:
+                raise ValueError(
+                    f"observations[{key!r}] of {type(self.mdp).__name__} must be enabled and without a corruptor: its "
+                    "noise is that of MDP.corrupted; extra_observations of a task may have either"
+                )
             state[key] = entities[key] if key in entities else self._observable(term)
             if key in self.mdp.noisy_observations:
                 state[key].corruptor = functools.partial(self._corrupted, key)

@@ -2,6 +2,7 @@
 
 import contextlib
 import copy
+import dataclasses
 import pickle
 
 import gymnasium
@@ -96,6 +97,17 @@ def registered(domain, task):
 
 def numbers(observation):
     return observation["observation"] if isinstance(observation, dict) else observation
+
+
+@pytest.mark.parametrize("attributes", [{"noise": noises.Additive(0.1)}, {"enabled": False}])
+def test_an_observation_of_an_mdp_that_would_be_another_in_vectors_is_refused(attributes):
+    scene = entities.build_microwave_table_scene(visuals=False)
+    mdp = tasks.MicrowaveTableTask(scene).mdp
+    terms = {**mdp.observations, "angle": Observation(lambda simulation, state: state.door_opening, **attributes)}
+    other = type("OtherMDP", (type(mdp),), {"observations": terms})
+    arguments = {field.name: getattr(mdp, field.name) for field in dataclasses.fields(mdp)}
+    with refused(ValueError, "observations['angle'] of OtherMDP", "MDP.corrupted"):
+        tasks.SuiteTask.__init__(tasks.MicrowaveTableTask.__new__(tasks.MicrowaveTableTask), scene, other(**arguments))
 
 
 class GraspTask(tasks.KitchenTask):
