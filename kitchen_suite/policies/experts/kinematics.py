@@ -36,7 +36,7 @@ class ArmKinematics:
         """Builds the kinematics of a robot at its site in an arena of a class."""
         arena = build_arena(visuals=False)
         robot = Robot(spec, visuals=False)
-        arena.attach_at_site(robot)
+        arena.attach_robot(robot)
         self._model = mjcf.Physics.from_mjcf_model(arena.mjcf_model).model.ptr
         self.arm, self._site = slice(0, robot.arm_size), robot.end_effector.full_identifier
         self._configuration = mink.Configuration(self._model)
