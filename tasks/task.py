@@ -209,7 +209,7 @@ class SuiteTask(composer.Task):
             if key in self.mdp.noisy_observations:
                 state[key].corruptor = functools.partial(self._corrupted, key)
         goals = {
-            f"{key}/{name}": self._observable(term, part)
+            f"{key}/{name}": self._goal_observable(term, part)
             for key, term in self.mdp.goal_observations.items()
             for name, part in self.mdp.goals.slices.items()
         }
@@ -222,9 +222,16 @@ class SuiteTask(composer.Task):
             part.enabled = True
         return observed
 
-    def _observable(self, term: Observation, part: slice = slice(None)) -> observable.Observable:
-        """Returns an observable of some elements of a term of the MDP."""
-        return observable.Generic(lambda physics: np.asarray(term.read(self.simulation, self.state))[part])
+    def _observable(self, term: Observation) -> observable.Observable:
+        """Returns an observable of a term of the MDP."""
+        read = term.read
+        # Read in every step: a property would take as long again.
+        return observable.Generic(lambda physics: read(self.simulation, self.episode.mdp_state))
+
+    def _goal_observable(self, term: Observation, part: slice) -> observable.Observable:
+        """Returns an observable of the elements of one goal in a term of the MDP."""
+        read = term.read
+        return observable.Generic(lambda physics: np.asarray(read(self.simulation, self.episode.mdp_state))[part])
 
     def _goal_picture(self, place: int) -> observable.Observable:
         """Returns an observable of the picture of the goal by one of the cameras."""

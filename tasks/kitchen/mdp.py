@@ -265,10 +265,14 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         """The achieved and the desired goals, `(..., k)` each [rad, m, quaternion]; no noise."""
         return {
             "achieved_goal": Observation(lambda simulation, state: state.achieved),
-            "desired_goal": Observation(
-                lambda simulation, state: np.broadcast_to(self.goals.desired, state.achieved.shape)
-            ),
+            "desired_goal": Observation(lambda simulation, state: self._desired(state)),
         }
+
+    def _desired(self, state: KitchenState) -> Array:
+        """Returns the desired goals `(..., k)`, the same in all episodes."""
+        axes = state.achieved.shape[:-1]
+        # One episode is read in every step, once for each task.
+        return np.broadcast_to(self.goals.desired, (*axes, self.goals.desired.size)) if axes else self.goals.desired
 
     @functools.cached_property
     def request_observations(self) -> Mapping[str, Observation]:

@@ -2,9 +2,9 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,14 +110,12 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
 
     @functools.cached_property
     def observations(self) -> Mapping[str, Observation]:
-        return {
-            key: Observation(functools.partial(self._part, place), of_robot=key in ROBOT_KEYS)
-            for key, place in SLICES.items()
-        }
+        return {key: Observation(self._part(place), of_robot=key in ROBOT_KEYS) for key, place in SLICES.items()}
 
     @staticmethod
-    def _part(place: slice, simulation: Simulation, state: MicrowaveTableState) -> NDArray[np.float32]:
-        return state.observation[..., place].astype(np.float32)
+    def _part(place: slice) -> Callable[[Simulation, Any], NDArray[np.float32]]:
+        """Returns the function that reads the part at a place."""
+        return lambda simulation, state: state.observation[..., place].astype(np.float32)
 
     def terminates(self, state: MicrowaveTableState) -> NDArray[np.bool_]:
         return np.zeros(state.is_success.shape, bool)

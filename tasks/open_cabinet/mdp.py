@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,9 +113,13 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
     def initial_state(self, reading: Array, draws: Array) -> OpenCabinetState:
         axes = reading.shape[:-1]
         view = Features(reading)
+        noise = self.noise_scale * draws if self.is_noisy else np.zeros((*axes, SIZE))
+        clean, noisy = self.observed(view, noise)
         return OpenCabinetState(
             features=reading,
-            **self.observed(view, self.noise_scale * draws if self.is_noisy else np.zeros((*axes, SIZE))),
+            observation=clean,
+            noisy_observation=noisy,
+            noise=noise,
             target=view.joint_positions.copy(),
             previous_action=np.zeros((*axes, self.action_size)),
             terms=self.no_reward(axes),
@@ -124,23 +128,27 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
             total_steps=np.zeros(axes, np.int64),
         )
 
-    def observed(self, features: Features, noise: Array) -> dict[str, Any]:
-        """Returns the fields of a state that hold the observation, given its noise `(..., 25)`.
+    def observed(self, features: Features, noise: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Returns the observation without and with its noise `(..., 25)`, as a state holds them.
 
         Noise is added before clipping, so that noisy observations keep the range.
         """
         values = observe(features)
         clean = clipped(values)
         noisy = clipped(values + noise) if self.is_noisy else clean
-        return {"observation": clean, "noisy_observation": noisy, "noise": noise}
+        return clean, noisy
 
     def transition(
         self, state: OpenCabinetState, *, action: Array, target: Array, reading: Array, draws: Array
     ) -> OpenCabinetTransition:
         view = Features(reading)
+        noise = self.noise_scale * draws if self.is_noisy else state.noise
+        clean, noisy = self.observed(view, noise)
         after = OpenCabinetState(
             features=reading,
-            **self.observed(view, self.noise_scale * draws if self.is_noisy else state.noise),
+            observation=clean,
+            noisy_observation=noisy,
+            noise=noise,
             target=target,
             previous_action=action,
             terms={},
@@ -156,9 +164,7 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
     @functools.cached_property
     def observations(self) -> Mapping[str, Observation]:
         return {
-            key: Observation(
-                functools.partial(self._part, place), of_robot=key in ROBOT_KEYS, minimum=-LIMIT, maximum=LIMIT
-            )
+            key: Observation(self._part(place), of_robot=key in ROBOT_KEYS, minimum=-LIMIT, maximum=LIMIT)
             for key, place in SLICES.items()
         }
 
@@ -168,8 +174,9 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
         return {key: place for key, place in SLICES.items() if self.noise_scale[place].any()}
 
     @staticmethod
-    def _part(place: slice, simulation: Simulation, state: OpenCabinetState) -> NDArray[np.float32]:
-        return state.observation[..., place]
+    def _part(place: slice) -> Callable[[Simulation, Any], NDArray[np.float32]]:
+        """Returns the function that reads the part at a place."""
+        return lambda simulation, state: state.observation[..., place]
 
     def corrupted(self, key: str, clean: NDArray, state: OpenCabinetState) -> NDArray:
         place = self.noisy_observations.get(key)

@@ -174,8 +174,9 @@ class OpenCabinetTask(SuiteTask):
         total_steps = checks.integer(state["total_steps"].item(), "total_steps", minimum=0)
         features = Features.of(**state["features"])
         start = self.mdp.initial_state(features.values, np.zeros(self.mdp.noise_draws))
-        observed = self.mdp.observed(features, state["noise"])
+        clean, noisy = self.mdp.observed(features, state["noise"])
         arrays = {name: state[name] for name in ("target", "previous_action", "terms", "terminates", "succeeded")}
+        observed = {"observation": clean, "noisy_observation": noisy, "noise": state["noise"]}
         self.set_mdp_state(start._replace(**observed, **arrays, total_steps=np.array(total_steps)))
 
     def publish(self, physics: mjcf.Physics | None) -> None:
