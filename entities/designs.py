@@ -164,9 +164,10 @@ def _refusal(design: object, message: str) -> TypeError | ValueError:
     problem = problem.replace("Number out of range", "Expected a number in range")
     if not problem.startswith("Expected "):
         return ValueError(f"{place}: {checks.shortened(problem, 500)}")
-    expected, _, other_type = problem.removeprefix("Expected ").replace("`", "").partition(", got ")
-    refusal = f"{place} must be {expected}, got {checks.shown(value)}"
-    return TypeError(refusal) if other_type else ValueError(refusal)
+    # A value of another type is named by msgspec, one out of bounds is not.
+    expected = problem.removeprefix("Expected ").replace("`", "")
+    refusal = f"{place} must be {expected.partition(', got ')[0]}, got {checks.shown(value)}"
+    return TypeError(refusal) if ", got " in expected else ValueError(refusal)
 
 
 def _value_at(value: Any, path: str) -> Any:

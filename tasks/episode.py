@@ -128,8 +128,8 @@ class Acting(NamedTuple):
 
     Attributes:
       action: `(..., k)`.
-      target: `(..., 9)`, targets of the actuators that follow from it [rad, m].
-      ctrl: `(..., 9)`, controls of the actuators: the targets, or with a delay those of the step before [rad, m].
+      target: `(..., m)`, targets of the actuators that follow from it, each in its unit.
+      ctrl: `(..., m)`, controls of the actuators: the targets, or with a delay those of the step before.
       command: that of `EpisodeState` after the step.
       sensing: that of `EpisodeState` after the step.
       push: that of `EpisodeState` after the step.

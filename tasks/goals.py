@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.joints import joint_types
 from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.tasks.terms import end_to_end
 
 # Names of the criteria, the default first.
 CRITERIA = ("original", "strict")
@@ -239,12 +240,10 @@ class GoalSet:
         return {task: flat[..., indices] for task, indices in self.slices.items()}
 
     @functools.cached_property
-    def slices(self) -> dict[str, slice]:
+    def slices(self) -> Mapping[str, slice]:
         """Slice of each task's values among the `k`."""
-        stops = [*self.first_elements[1:], self.desired.size]
-        return {
-            task: slice(start, stop) for task, start, stop in zip(self.tasks, self.first_elements, stops, strict=True)
-        }
+        sizes = np.diff([*self.first_elements, self.desired.size]).tolist()
+        return end_to_end(dict(zip(self.tasks, sizes, strict=True)))
 
     def distances(self, achieved: NDArray, desired: NDArray | None = None) -> NDArray[np.float64]:
         """Returns distances `(..., n)` of the tasks' values `(..., k)` from their goals, or from others `(..., k)`."""

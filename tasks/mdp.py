@@ -71,7 +71,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
         Args:
           state: the state before it.
           action: `(..., k)`, its action.
-          target: `(..., 9)`, targets of the actuators during it [rad, m].
+          target: `(..., m)`, targets of the actuators during it, each in its unit.
           reading: values of the sensors after it.
           draws: `(..., noise_draws)`, from U(-1, 1).
         """
@@ -83,7 +83,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
     @property
     @abc.abstractmethod
     def observations(self) -> Mapping[str, Observation]:
-        """What agents observe of the state, by key, in the order of the flat observation."""
+        """Observations of the state by key, in the order of the flat observation."""
 
     @property
     def goal_observations(self) -> Mapping[str, Observation]:
@@ -95,7 +95,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
 
     @property
     def request_observations(self) -> Mapping[str, Observation]:
-        """What agents observe of the requests of episodes, by key, in order."""
+        """Observations of the requests of episodes by key, in order."""
         return MappingProxyType({})
 
     @property

@@ -3,7 +3,6 @@
 import collections
 import contextlib
 import dataclasses
-import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import mujoco
@@ -16,6 +15,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.sensors import FeatureSensors
 from kitchen_suite.tasks.simulation import PhysicsSimulation, Simulation
+from kitchen_suite.tasks.terms import end_to_end
 from kitchen_suite.types import Array
 
 # First part of the keys of the pictures of goals.
@@ -91,11 +91,10 @@ def joined(*parts: Mapping[str, observable.Observable]) -> dict[str, observable.
     return {key: value for part in parts for key, value in part.items()}
 
 
-def slices(scene: Scene, names: Sequence[str]) -> dict[str, slice]:
+def slices(scene: Scene, names: Sequence[str]) -> Mapping[str, slice]:
     """Returns the slice of each extra observable among their elements, end to end in the order of observation."""
     wanted = _checked(names, offered(scene))
-    stops = itertools.accumulate(extra.size for extra in wanted.values())
-    return {name: slice(stop - extra.size, stop) for (name, extra), stop in zip(wanted.items(), stops, strict=True)}
+    return end_to_end({name: extra.size for name, extra in wanted.items()})
 
 
 def _pose(entity: composer.Entity, owner: str) -> ExtraObservable:

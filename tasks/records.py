@@ -1,4 +1,4 @@
-"""What recordings, evaluations and rollouts read of a task's episodes: metrics, completions, replayed starts."""
+"""Metrics, completions and starts of a task's episodes, for recordings, evaluations and replay."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

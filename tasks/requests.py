@@ -1,4 +1,4 @@
-"""What a reset is asked for: its variation, and what the task's own options say."""
+"""Options of a reset: the variation of its episode, and those of the task."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -14,7 +14,7 @@ VARIATION_VALUES = "variation_values"
 
 
 class Reset(NamedTuple):
-    """What one reset is asked for, checked.
+    """The checked options of one reset.
 
     Attributes:
       variation: the parameters that vary, and their values.

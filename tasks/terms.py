@@ -25,7 +25,7 @@ class Transition:
     Attributes:
       before: the MDP's state before the step.
       action: `(..., k)`, the action.
-      target: `(..., 9)`, targets of the robot's actuators that follow from it [rad, m].
+      target: `(..., m)`, targets of the robot's actuators that follow from it, each in its unit.
       after: the MDP's state after the step; it has no terms of the reward yet.
       observations: the task's `extra_observations` after the step, `(..., m)` by name, without noise.
       previous_observations: the same before the step.

@@ -50,7 +50,7 @@ def build_lever_scene(*, visuals=True):
 
 
 class LeverState(NamedTuple):
-    """What a step leaves: features `(..., k)`, the actuators' targets, and the terms of its reward."""
+    """State after a control step: features `(..., k)`, targets of the actuators, and the terms of the reward."""
 
     joint_positions: np.ndarray
     joint_velocities: np.ndarray

@@ -79,8 +79,8 @@ def attributes(documented: type) -> dict[str, str]:
 
 def entries_of(documented: object, heading: str) -> dict[str, str]:
     """Returns the names and texts of a section of a docstring."""
-    _, _, section = (inspect.getdoc(documented) or "").partition(f"{heading}:\n")
-    section, _, _ = section.partition("\n\n")
+    text = inspect.getdoc(documented) or ""
+    section = text.partition(f"{heading}:\n")[2].partition("\n\n")[0]
     entries = re.findall(r"^ {2}(\w+): (.*(?:\n {4,}.*)*)", section, re.MULTILINE)
     return {name: re.sub(r"\s+", " ", text) for name, text in entries}
 

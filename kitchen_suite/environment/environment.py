@@ -79,6 +79,7 @@ class Environment(composer.Environment):
     Attributes:
       origin: what copies are built from; None where the environment was built from a task, or from arguments that
         cannot be copied.
+      changed_timestep: length of a control step [s] by its key in infos and states; empty where it is the task's own.
     """
 
     origin: Origin | None = None
@@ -135,6 +136,9 @@ class Environment(composer.Environment):
         self._plan_substeps()
         self._extra_hooks: list[str] = []
         self._built_observables = _settings_of(task.observables)
+        self.changed_timestep: dict[str, float] = {}
+        if task.control_timestep != task.default_control_timestep:
+            self.changed_timestep[CONTROL_TIMESTEP_KEY] = task.control_timestep
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self.origin is None:
@@ -209,13 +213,6 @@ class Environment(composer.Environment):
     def step_limit(self) -> float:
         """Control steps in an episode; infinite without a time limit."""
         return self._step_limit
-
-    @property
-    def changed_timestep(self) -> dict[str, float]:
-        """Length of a control step [s] by its key in infos and states; empty where it is the task's own."""
-        task = self._task
-        is_default = task.control_timestep == task.default_control_timestep
-        return {} if is_default else {CONTROL_TIMESTEP_KEY: task.control_timestep}
 
     def reset(self) -> dm_env.TimeStep:
         if self._seed_stride:

@@ -1,4 +1,4 @@
-"""The state of the physics: what of it is saved, and what sleeps in it."""
+"""The saved part of the physics' state, and which objects sleep."""
 
 import mujoco
 import numpy as np

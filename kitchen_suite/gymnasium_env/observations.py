@@ -18,7 +18,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.tasks.observables import GOAL_PIXELS, Picture
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.tasks.terms import Observation
+from kitchen_suite.tasks.terms import Observation, end_to_end
 
 # Kinds of parts, in the order of the observation, by observation type. `goal` needs a task with goals.
 OBS_TYPES: Mapping[str, tuple[str, ...]] = {
@@ -131,8 +131,7 @@ class Observations:
         # The spec may have observables that have been disabled since.
         keys = [key for key in spec if observables[key].enabled and key not in pictures.by_name]
         sizes = [spec[key].shape[0] for key in keys]
-        stops = np.cumsum(sizes).tolist()
-        self._slices = {key: slice(stop - size, stop) for key, size, stop in zip(keys, sizes, stops, strict=True)}
+        self._slices = end_to_end(dict(zip(keys, sizes, strict=True)))
         terms = {**self._mdp.observations, **environment.task.observations.by_name}
         bounds = [(terms[key].minimum, terms[key].maximum) if key in terms else (-math.inf, math.inf) for key in keys]
         low, high = (np.repeat(side, sizes).astype(dtype) for side in zip(*bounds, strict=True))

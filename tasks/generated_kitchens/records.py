@@ -1,4 +1,4 @@
-"""What recordings and evaluations read of episodes in generated kitchens."""
+"""Metrics and completions of episodes in generated kitchens."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -276,7 +276,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     @functools.cached_property
     def request_observations(self) -> Mapping[str, Observation]:
-        """What agents observe of requests; no noise.
+        """Observations of an episode's requests, without noise.
 
         - `goal_states` `(..., 30 k)` [rad, m, quaternion], with `goal_states=k` only: positions of robot and objects
           that are wanted, end to end.

@@ -91,9 +91,6 @@ def noise_scale(parts: StateSlices = FRANKA_SLICES, *, robot_ratio: float, objec
     return ratios * np.array([*[0.1] * robot.stop, *_OBJECT_AMPLITUDES])
 
 
-AMPLITUDES = noise_scale(robot_ratio=1.0, object_ratio=1.0)
-
-
 class KitchenReading(NamedTuple):
     """Joint positions after a control step, and distances in space where they are measured.
 

@@ -1,4 +1,4 @@
-"""What recordings and evaluations read of the kitchen's episodes."""
+"""Metrics, completions and starts of the kitchen's episodes."""
 
 from collections.abc import Mapping
 from typing import Any

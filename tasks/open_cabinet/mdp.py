@@ -26,7 +26,7 @@ class OpenCabinetState(NamedTuple):
     Attributes:
       features: `(..., 36)`, values of the present `Features`.
       observation: `(..., 25)`, the observation without noise, in single precision and clipped.
-      noisy_observation: `(..., 25)`, the observation with noise, likewise.
+      noisy_observation: `(..., 25)`, the observation with noise, in single precision and clipped.
       noise: `(..., 25)`, noise of the observation.
       target: `(..., 9)`, last targets of the actuators [rad, m].
       previous_action: `(..., 8)`, action of the last step.

@@ -32,6 +32,9 @@ from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
+# Greatest noise of each element at a ratio of 1.
+AMPLITUDES = noise.noise_scale(robot_ratio=1.0, object_ratio=1.0)
+
 VELOCITY = {"control_mode": "joint_velocity"}
 D4RL = VELOCITY | {"robot_noise_ratio": 0.1, "object_noise_ratio": 0.1}
 IN_ORDER = {"tasks_in_order": True}
@@ -279,7 +282,7 @@ def test_diffusion_policys_episodes_are_those_of_its_code():
     assert task.mdp.remove_task_when_completed
     assert task.mdp.terminate_on_tasks_completed
     assert task.mdp.action_mode.name == "joint_position"
-    np.testing.assert_array_equal(task.mdp.noise_scale, 0.1 * noise.AMPLITUDES)
+    np.testing.assert_array_equal(task.mdp.noise_scale, 0.1 * AMPLITUDES)
     assert suite_env(environment).environment.control_timestep() == pytest.approx(1 / 12.5)
 
 

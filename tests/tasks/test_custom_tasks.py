@@ -11,10 +11,12 @@ import pytest
 from dm_control import composer, mjcf
 from dm_control.composer.variation import distributions, noises
 from dm_control.entities.props.primitive import Primitive
+from docs_scripts import load_script
 from helpers.errors import refused
 from helpers.sweeps import brief
 
 from kitchen_suite import entities, suite, tasks
+from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks import Observation
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -110,12 +112,34 @@ def test_an_observation_of_an_mdp_that_would_be_another_in_vectors_is_refused(at
         tasks.SuiteTask.__init__(tasks.MicrowaveTableTask.__new__(tasks.MicrowaveTableTask), scene, other(**arguments))
 
 
+def test_a_task_of_suite_tasks_own_has_rewards_metrics_and_inputs():
+    lever = load_script("examples/my_domain")
+
+    class SlowTask(lever.LeverTask):
+        extra_rewards = {"slow": lambda step: 2.0 * np.ones(step.action.shape[:-1])}
+
+    environment = Environment(SlowTask(lever.build_lever_scene(visuals=False)), random_state=0)
+    environment.reset()
+    task = environment.task
+    assert (task.policy_inputs.names, task.policy_inputs.size) == (("SlowTask",), 22)
+    timestep = environment.step(np.zeros(8))
+    assert task.reward_terms["slow"] == 2.0
+    assert timestep.reward == sum(task.reward_terms.values())
+    assert task.episode_metrics == {"success": False}
+    environment.physics.named.data.qpos["lever/hinge"] = 1.0
+    assert environment.step(np.zeros(8)).last()
+    assert task.episode_metrics == {"success": True}
+
+
 class GraspTask(tasks.KitchenTask):
     """The kitchen with a part of the robot, and one of the world, that are observed besides."""
 
     extra_observations = {
         "hand_height": Observation(
-            lambda simulation, state: simulation.named("site_xpos", "franka/end_effector")[..., 2:], of_robot=True
+            lambda simulation, state: simulation.named("site_xpos", "franka/end_effector")[..., 2:],
+            of_robot=True,
+            minimum=-1.0,
+            maximum=3.0,
         ),
         "door": Observation(lambda simulation, state: simulation.named("qpos", "microwave/microwave")),
     }
@@ -132,6 +156,9 @@ def test_what_is_of_the_robot_is_in_agent_pos():
         data = env.unwrapped.environment.physics.named.data
         hand, door = data.site_xpos["franka/end_effector", "z"], data.qpos["microwave/microwave"]
         assert other["agent_pos"].tolist() == [*one["agent_pos"], hand]
+        agent = env.observation_space["agent_pos"]
+        assert (agent.low[-1], agent.high[-1]) == (-1.0, 3.0)
+        assert np.isinf(agent.low[:-1]).all()
         assert other["environment_state"].tolist() == [*one["environment_state"], *door]
         for key, part in other.items():
             np.testing.assert_array_equal(many[key][0], part)

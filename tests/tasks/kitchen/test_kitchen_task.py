@@ -15,6 +15,9 @@ from kitchen_suite.tasks.kitchen.action import POSITION_HIGH, POSITION_LOW, posi
 from kitchen_suite.tasks.kitchen.observation import KitchenSensors
 from kitchen_suite.tasks.shaping import completions
 
+# Greatest noise of each element at a ratio of 1.
+AMPLITUDES = noise.noise_scale(robot_ratio=1.0, object_ratio=1.0)
+
 
 def load(task_name="all", **options):
     return suite.load("kitchen", task_name, task_kwargs={"random": 0, "visuals": False, **options})
@@ -155,10 +158,10 @@ def test_the_threshold_decides(threshold):
 
 def test_noise_is_on_by_default_within_its_amplitude_and_can_be_switched_off():
     bounds = {
-        "franka/joint_positions": 0.01 * noise.AMPLITUDES[noise.FRANKA_SLICES.robot_positions],
-        "franka/joint_velocities": 0.01 * noise.AMPLITUDES[noise.FRANKA_SLICES.robot_velocities],
-        "object_positions": 0.0005 * noise.AMPLITUDES[noise.FRANKA_SLICES.object_positions],
-        "object_velocities": 0.0005 * noise.AMPLITUDES[noise.FRANKA_SLICES.object_velocities],
+        "franka/joint_positions": 0.01 * AMPLITUDES[noise.FRANKA_SLICES.robot_positions],
+        "franka/joint_velocities": 0.01 * AMPLITUDES[noise.FRANKA_SLICES.robot_velocities],
+        "object_positions": 0.0005 * AMPLITUDES[noise.FRANKA_SLICES.object_positions],
+        "object_velocities": 0.0005 * AMPLITUDES[noise.FRANKA_SLICES.object_velocities],
     }
     quiet = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "velocity_scale": 0.0, "feedback": "target"}
     noisy = {"velocity_scale": 0.0, "feedback": "target"}
