@@ -14,13 +14,13 @@ from typing import ClassVar
 
 import kitchen_suite
 from kitchen_suite import checks, files, suite
+from kitchen_suite.episodes.play import PolicyController, VectorRollout
+from kitchen_suite.episodes.report import print_line
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.receipts import TraceRecorder
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.names import EXACT, FAST
 from kitchen_suite.rendering import gl
-from kitchen_suite.rollouts.report import print_line
-from kitchen_suite.rollouts.rollout import PolicyController, VectorRollout
-from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import FAILURE, DoctorSettings
 from kitchen_suite.vector_env.base import processors
 from kitchen_suite.versions import PACKAGES, processor

@@ -59,7 +59,7 @@ def check_pip(command: str, *arguments: str) -> None:
 
 
 def check_command(name: str, *arguments: str) -> None:
-    commands = importlib.import_module("kitchen_suite.cli.commands").COMMANDS
+    commands = importlib.import_module("kitchen_suite.commands.commands").COMMANDS
     if name == "kitchen-suite":
         name, *arguments = arguments or ["--help"]
         if name.startswith("-"):

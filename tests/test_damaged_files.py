@@ -27,19 +27,19 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kitchen_suite import files
-from kitchen_suite.cli.commands import record
+from kitchen_suite.commands.commands import record
+from kitchen_suite.datasets.formats import FolderSource, find_source
+from kitchen_suite.datasets.human import ACTION_SIZE, D4RLData, convert
+from kitchen_suite.datasets.lerobot import RECORDING_FILE, load_record
+from kitchen_suite.datasets.minari import MinariSource
+from kitchen_suite.datasets.replay import compare, replay
+from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder
 from kitchen_suite.evaluation.receipts import Receipt, Trace, sealed
 from kitchen_suite.evaluation.results import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
-from kitchen_suite.recordings.formats import FolderSource, find_source
-from kitchen_suite.recordings.human_data import ACTION_SIZE, D4RLData, convert
-from kitchen_suite.recordings.lerobot_dataset import RECORDING_FILE, load_record
-from kitchen_suite.recordings.minari_dataset import MinariSource
-from kitchen_suite.recordings.replay import compare, replay
-from kitchen_suite.rollouts.folder import RecordingFolder
-from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.tasks.kitchen.observation import SIZE as STATE_SIZE
 from kitchen_suite.training import run_folder
 

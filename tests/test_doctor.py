@@ -3,7 +3,7 @@
 import pytest
 
 from kitchen_suite import doctor, suite
-from kitchen_suite.cli import commands
+from kitchen_suite.commands import commands
 from kitchen_suite.rendering import gl
 
 

@@ -14,14 +14,14 @@ from helpers.errors import refused
 from packaging.requirements import Requirement
 
 from kitchen_suite import checks, policies, suite
-from kitchen_suite.cli.command import settings_of
-from kitchen_suite.cli.commands import COMMANDS, evaluate, record, rollout, train
+from kitchen_suite.commands.command import settings_of
+from kitchen_suite.commands.commands import COMMANDS, evaluate, record, rollout, train
+from kitchen_suite.datasets.formats import FORMATS
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.gymnasium_env import KITCHEN_ID
 from kitchen_suite.gymnasium_env.rendering import RENDER_MODES
 from kitchen_suite.names import PHYSICS
 from kitchen_suite.policies.trained import SHIPPED
-from kitchen_suite.recordings.formats import FORMATS
 from kitchen_suite.settings import ALGORITHMS
 from kitchen_suite.tasks import GOALS
 

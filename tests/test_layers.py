@@ -12,15 +12,16 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # Each package knows those after it. All know GROUND, which knows no other; WORKERS and RENDERING know hardly more.
 ORDER = (
-    "cli",
+    "commands",
     "lerobot",
     "doctor",
-    "bridges",
+    "viewer",
+    "adapters",
     "training",
     "evaluation",
-    "recordings",
+    "datasets",
     "benchmarks",
-    "rollouts",
+    "episodes",
     "settings",
     "vector_env",
     "gymnasium_env",
@@ -37,22 +38,22 @@ BESIDE = {"workers": ("rendering",), "rendering": ()}
 ALIASES = {
     "experts": ("policies",),
     "": ("suite",),
-    "__main__": ("cli",),
+    "__main__": ("commands",),
     "original": ("suite", "rendering"),
 }
 
 # Where a library may be imported.
 HOMES = {
-    "absl": {"cli"},
+    "absl": {"commands"},
     "torch": {"training"},
     "ray": {"workers"},
-    "minari": {"recordings"},
-    "stable_baselines3": {"bridges"},
+    "minari": {"datasets"},
+    "stable_baselines3": {"adapters"},
     "lerobot": {"lerobot"},
     "mjviser": {"rendering"},
     "viser": {"rendering"},
-    "tensordict": {"bridges"},
-    "torchrl": {"bridges"},
+    "tensordict": {"adapters"},
+    "torchrl": {"adapters"},
 }
 
 
@@ -141,7 +142,7 @@ def test_a_heavy_library_stays_in_its_package(library):
 
 def test_no_command_imports_dm_control_before_the_gl_library_is_chosen():
     code = (
-        "import sys; from kitchen_suite.cli.commands import COMMANDS\n"
+        "import sys; from kitchen_suite.commands.commands import COMMANDS\n"
         "assert len(COMMANDS) >= 10 and all(command.main(['--help']) == 0 for command in COMMANDS.values())\n"
         "assert not {'dm_control', 'mujoco', 'torch', 'ray'} & sys.modules.keys()"
     )

@@ -11,7 +11,7 @@ import json
 import os
 import tempfile
 
-from kitchen_suite.cli.commands import evaluate, record, train
+from kitchen_suite.commands.commands import evaluate, record, train
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--task", default="microwave", help="task of the kitchen (default: %(default)s)")

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from kitchen_suite.cli.commands import evaluate, record
+from kitchen_suite.commands.commands import evaluate, record
 
 TASK = {"tasks_to_complete": ["kettle", "microwave"], "goals": {"microwave": [-1.2]}, "reward": "dense_gain"}
 CAMERA = {"obs_type": "pixels_agent_pos", "cameras": ["workspace"], "image_size": [64, 64], "render_quality": "fast"}

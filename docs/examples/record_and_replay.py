@@ -12,7 +12,7 @@ import tempfile
 
 import minari
 
-from kitchen_suite.cli.commands import record, replay
+from kitchen_suite.commands.commands import record, replay
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--task", default="kettle", help="task of the kitchen (default: %(default)s)")

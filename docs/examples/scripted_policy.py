@@ -6,7 +6,7 @@ kitchen-rollout --policy=scripted_policy:act --task_name=microwave --control_mod
 
 import numpy as np
 
-from kitchen_suite.cli.commands import rollout
+from kitchen_suite.commands.commands import rollout
 
 # Speeds of the hand (x, y, z, rotation vector) and the gripper, and for how many control steps.
 MOVES = [

@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode
 from tqdm import tqdm
 
 from kitchen_suite import suite
-from kitchen_suite.rollouts.spec import EnvironmentSpec
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.tasks import DEFAULT_TASKS
 
 RESULTS = Path(__file__).parent / "results" / "failed_returns.json"

@@ -20,10 +20,10 @@ import numpy as np
 from imitation import call
 
 from kitchen_suite import policies
+from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.results import wilson
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.rollouts.folder import RecordingFolder
-from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.versions import machine
 
 RESULTS = Path(__file__).parent / "results" / "kitchens_curve.json"

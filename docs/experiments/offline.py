@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from imitation import call, evaluate, run
 
-from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.episodes.recording import RecordingFolder
 from kitchen_suite.versions import installed_versions, machine
 
 RESULTS = Path(__file__).parent / "results" / "offline"

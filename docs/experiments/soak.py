@@ -34,7 +34,7 @@ from tqdm import tqdm
 
 from kitchen_suite import suite
 from kitchen_suite.benchmarks.measurements import resident_memory
-from kitchen_suite.cli.commands import record, replay
+from kitchen_suite.commands.commands import record, replay
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 RESULTS = Path(__file__).parent / "results" / "soak.json"

@@ -31,9 +31,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import policies, suite
-from kitchen_suite.bridges.page import MOVES
 from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 from kitchen_suite.rendering.cameras import camera_parameters
+from kitchen_suite.viewer.page import MOVES
 
 RESULTS = Path(__file__).parent / "results" / "teleoperation.json"
 
@@ -325,8 +325,8 @@ def drawn_after(sent: float, frames: Sequence[Sequence[float]]) -> float:
 # Writes the times of the arrival of each event, and of the message that shows what it has done.
 _TIMED = """
 import sys, time
-from kitchen_suite.bridges import page, viewer
-from kitchen_suite.cli.commands import view
+from kitchen_suite.viewer import page, viewer
+from kitchen_suite.commands.commands import view
 
 
 def serve(path):

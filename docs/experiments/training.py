@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import Any
 
 from kitchen_suite import suite
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
-from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 
 RESULTS = Path(__file__).parent / "results" / "training.json"

@@ -8,7 +8,7 @@ import io
 from pathlib import Path
 
 import kitchen_suite
-from kitchen_suite.cli import commands
+from kitchen_suite.commands import commands
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -67,7 +67,7 @@ def adapter_row(name, settings):
     """Returns a row of the table: name, median rates of both, which alternate, and the median of their ratios."""
     from stable_baselines3.common.env_util import make_vec_env
 
-    from kitchen_suite.bridges import stable_baselines3
+    from kitchen_suite.adapters import stable_baselines3
 
     env_id = f"kitchen_suite.gymnasium_env:{name}"
     fast = stable_baselines3.make_vec_env(env_id, NUM_ENVS, num_threads=1, **settings)

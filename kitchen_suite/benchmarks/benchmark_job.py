@@ -12,7 +12,7 @@ from kitchen_suite import checks, suite
 from kitchen_suite.benchmarks import rendering
 from kitchen_suite.benchmarks.cases import BenchmarkDomain
 from kitchen_suite.benchmarks.measurements import measure_rates, named_ratios, overhead, scaling, soak, summarize
-from kitchen_suite.rollouts.report import table
+from kitchen_suite.episodes.report import table
 from kitchen_suite.settings import FAILURE, BenchmarkSettings
 from kitchen_suite.versions import installed_versions
 

@@ -17,8 +17,8 @@ from tqdm import tqdm
 
 from kitchen_suite import policies, suite
 from kitchen_suite.entities.designs import KitchenDesign
+from kitchen_suite.episodes.report import print_line, table
 from kitchen_suite.policies.experts.generated_kitchens import reached_handles
-from kitchen_suite.rollouts.report import print_line, table
 from kitchen_suite.settings import FAILURE, CertifySettings
 from kitchen_suite.tasks.generated_kitchens import certificates
 from kitchen_suite.tasks.generated_kitchens.certificates import Certificate

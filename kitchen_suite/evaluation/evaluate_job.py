@@ -14,6 +14,11 @@ import numpy as np
 from dm_control.rl.control import PhysicsError
 
 from kitchen_suite import files, policies, suite
+from kitchen_suite.episodes.episode import EpisodeBuffer, Waiting
+from kitchen_suite.episodes.play import Controller, PolicyController, SingleRollout, VectorEpisode, VectorRollout
+from kitchen_suite.episodes.report import EpisodeBar, counted, print_line, table
+from kitchen_suite.episodes.spec import EpisodeSpec, reset_to_seed
+from kitchen_suite.episodes.views import Page, PageStep
 from kitchen_suite.evaluation import criteria, receipts
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, check_robot, make_plan
@@ -23,11 +28,6 @@ from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import cameras
-from kitchen_suite.rollouts.episode import EpisodeBuffer, Waiting
-from kitchen_suite.rollouts.report import EpisodeBar, counted, print_line, table
-from kitchen_suite.rollouts.rollout import Controller, PolicyController, SingleRollout, VectorEpisode, VectorRollout
-from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
-from kitchen_suite.rollouts.views import Page, PageStep
 from kitchen_suite.settings import FAILURE, USAGE, EvaluateSettings
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.tasks.task import SuiteTask

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.entities.arms import FRANKA, ROBOTS
+from kitchen_suite.episodes.episode import unflatten
+from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.evaluation import criteria
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Measure, Protocol, Score, domain_protocols
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.rollouts.episode import unflatten
-from kitchen_suite.rollouts.folder import RecordingFolder
-from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.settings import MAX_COUNT, MAX_EPISODE_STEPS, EvaluateSettings
 
 

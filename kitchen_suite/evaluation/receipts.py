@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
+from kitchen_suite.episodes.play import BatchStep, Controller, VectorEpisode
 from kitchen_suite.evaluation.results import EpisodeResult
-from kitchen_suite.rollouts.rollout import BatchStep, Controller, VectorEpisode
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import machine
 

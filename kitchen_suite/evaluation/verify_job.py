@@ -11,13 +11,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from kitchen_suite import files
+from kitchen_suite.episodes.report import EpisodeBar, print_line, table
+from kitchen_suite.episodes.spec import EpisodeSpec, even_count
 from kitchen_suite.evaluation.evaluate_job import as_json, format_heading, play
 from kitchen_suite.evaluation.plan import EvaluationPlan
 from kitchen_suite.evaluation.receipts import Receipt, Replay, Trace
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
-from kitchen_suite.rollouts.report import EpisodeBar, print_line, table
-from kitchen_suite.rollouts.spec import EpisodeSpec, even_count
 from kitchen_suite.settings import FAILURE, VerifySettings
 from kitchen_suite.versions import installed_versions, machine
 

@@ -7,10 +7,10 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs import EnvConfig
 
 from kitchen_suite import suite
-from kitchen_suite.bridges.lerobot import LeRobotVectorEnv, features_of, make_vector_env
+from kitchen_suite.adapters.lerobot_env import LeRobotVectorEnv, features_of, make_vector_env
+from kitchen_suite.datasets.formats import LEROBOT
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.recordings.formats import LEROBOT
-from kitchen_suite.rollouts.spec import EnvironmentSpec
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.settings import EpisodeSettings
 
 
@@ -21,7 +21,7 @@ class SuiteEnvConfig(EnvConfig):
     Attributes:
       task: a task of the domain, or several, separated by commas, which are evaluated one after the other.
       fps: control steps per second, rounded down; set by the environment.
-      obs_type: one of `recordings.formats.LEROBOT`, such as `pixels_agent_pos`.
+      obs_type: one of `datasets.formats.LEROBOT`, such as `pixels_agent_pos`.
       physics: `exact` or `fast`; `exact` when None.
       control_mode: meaning of the action; the domain's own when None.
       cameras: names of the cameras whose pictures are observed; the domain's default when None.

@@ -8,7 +8,7 @@ from lerobot.teleoperators.teleoperator import Teleoperator
 from lerobot.teleoperators.utils import TeleopEvents
 
 from kitchen_suite import checks
-from kitchen_suite.bridges.interventions import PageDevice
+from kitchen_suite.viewer.intervention import PageDevice
 
 
 @TeleoperatorConfig.register_subclass("kitchen_browser")

@@ -67,7 +67,7 @@ class PolicySource(abc.ABC):
       extra: a key of `EXTRA_PACKAGES`, the extra that it needs, if any.
       privileged: whether its policies see observations that the `obs_type` of the environment leaves out.
       player: entry point of the function that lets each episode be played before it is stepped, called with its
-        `rollouts.spec.EpisodeSpec`; None for policies that act by themselves.
+        `episodes.spec.EpisodeSpec`; None for policies that act by themselves.
     """
 
     takes_options = False
@@ -255,7 +255,7 @@ class TeleopSource(PolicySource):
     """
 
     takes_options, extra = True, "experts"
-    player = "kitchen_suite.bridges.viewer:Player"
+    player = "kitchen_suite.viewer.viewer:Player"
 
     def __call__(
         self,

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
+from kitchen_suite.episodes.episode import unflatten
+from kitchen_suite.episodes.recording import SPEC_FILE, RecordingFolder
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.observations import picture_key
-from kitchen_suite.rollouts.episode import unflatten
-from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
-from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.tasks.task import SuiteTask
 
 # Arguments of all domains on which the meaning of observed numbers depends.

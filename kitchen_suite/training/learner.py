@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from kitchen_suite.episodes.play import Controller, VectorRollout
 from kitchen_suite.policies.stored import StoredPolicy
-from kitchen_suite.rollouts.rollout import Controller, VectorRollout
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint, check_modules
 from kitchen_suite.vector_env.base import SuiteVectorEnv

@@ -13,12 +13,12 @@ import numpy as np
 import torch
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
+from kitchen_suite.episodes.play import Controller, PolicyController
+from kitchen_suite.episodes.spec import EnvironmentSpec, seeded_policies
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.imitated import ImitatedPolicy
 from kitchen_suite.policies.networks import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
-from kitchen_suite.rollouts.rollout import Controller, PolicyController
-from kitchen_suite.rollouts.spec import EnvironmentSpec, seeded_policies
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.demonstrations import Demonstrations, load_demonstrations
 from kitchen_suite.training.hyperparameters import ImitationHyperparameters, OfflineHyperparameters, checked_changes

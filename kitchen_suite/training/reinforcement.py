@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import checks, suite
+from kitchen_suite.episodes.play import Controller, NetworkController
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.rollouts.rollout import Controller, NetworkController
-from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import IMITATION, TrainSettings
 from kitchen_suite.tasks.requests import Requests
 from kitchen_suite.tasks.task import SuiteTask

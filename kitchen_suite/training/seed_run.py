@@ -16,7 +16,7 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 from tqdm import tqdm
 
-from kitchen_suite.rollouts.rollout import Controller
+from kitchen_suite.episodes.play import Controller
 from kitchen_suite.settings import Schedule
 from kitchen_suite.training import checkpoints
 from kitchen_suite.training.checkpoints import Checkpoint

@@ -12,11 +12,11 @@ import torch
 from dm_control.rl.control import PhysicsError
 
 from kitchen_suite import checks, files
+from kitchen_suite.episodes.report import print_line
+from kitchen_suite.episodes.rollout_job import RolloutJob, policy_rollout
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import video
-from kitchen_suite.rollouts.report import print_line
-from kitchen_suite.rollouts.rollout_job import RolloutJob, policy_rollout
-from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import ALGORITHMS, FAILURE, OFFLINE, PPO, PlaySettings, TrainSettings
 from kitchen_suite.training.checkpoints import CheckpointError
 from kitchen_suite.training.learner import DivergedError, Training

@@ -10,9 +10,9 @@ import torch
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
+from kitchen_suite.episodes.episode import unflatten
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.rollouts.episode import unflatten
-from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.training.demonstrations import check_same, finite, open_recording, with_counts
 from kitchen_suite.training.hyperparameters import OfflineHyperparameters
 

@@ -13,7 +13,7 @@ from kitchen_suite import suite
 from kitchen_suite.benchmarks import benchmark_job, measurements, rendering
 from kitchen_suite.benchmarks.benchmark_job import BenchmarkJob, command_line, find_cases
 from kitchen_suite.benchmarks.cases import BARE, Case
-from kitchen_suite.cli.commands import benchmark
+from kitchen_suite.commands.commands import benchmark
 from kitchen_suite.rendering import quality as light_meshes
 from kitchen_suite.settings import BenchmarkSettings
 

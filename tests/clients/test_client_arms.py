@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import experts, suite
-from kitchen_suite.cli.commands import COMMANDS
+from kitchen_suite.commands.commands import COMMANDS
 
 pytestmark = pytest.mark.clients
 

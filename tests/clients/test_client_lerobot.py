@@ -14,7 +14,7 @@ import pytest
 from helpers.episodes import load_episode
 from helpers.errors import refused
 
-from kitchen_suite.cli.commands import record, replay
+from kitchen_suite.commands.commands import record, replay
 from kitchen_suite.suite import DOMAINS
 
 pytestmark = pytest.mark.lerobot
@@ -242,7 +242,7 @@ def test_an_interrupt_leaves_no_dataset_and_the_same_command_makes_it(run, monke
         patch.setattr(LeRobotDataset, "save_episode", interrupt)
         assert run(record, *RECORD, *DATASET, "--task_name=kettle")[0] == 130
     assert os.listdir("data/me") == []
-    monkeypatch.setattr("kitchen_suite.rollouts.spec.EpisodeSpec.make_vector_env", None)  # Nothing is played again.
+    monkeypatch.setattr("kitchen_suite.episodes.spec.EpisodeSpec.make_vector_env", None)  # Nothing is played again.
     assert run(record, *RECORD, *DATASET, "--task_name=kettle")[0] == 0
     assert load().num_episodes == 3
 

@@ -86,7 +86,7 @@ def test_ppo_learns_from_pictures_for_1000_steps(bridge):
     from stable_baselines3 import PPO
     from stable_baselines3.common.env_util import make_vec_env
 
-    from kitchen_suite.bridges.stable_baselines3 import make_vec_env as make_ours
+    from kitchen_suite.adapters.stable_baselines3 import make_vec_env as make_ours
 
     settings = {"obs_type": "pixels_agent_pos", "image_size": (40, 48), "render_quality": "fast"}
     if bridge:
@@ -204,7 +204,7 @@ HINDSIGHT = ["tasks_to_complete_mask", "step_task_completions_mask"]
 
 
 def make_fast(env_id=KITCHEN, num_envs=2, **options):
-    from kitchen_suite.bridges.stable_baselines3 import make_vec_env
+    from kitchen_suite.adapters.stable_baselines3 import make_vec_env
 
     return make_vec_env(env_id, num_envs, num_threads=1, **{**SUPPORTED[env_id], **options})
 
@@ -328,7 +328,7 @@ def test_hindsight_relabelling_in_the_vectorised_environments(copy_info_dict):
 def test_its_own_argument_names_make_the_same_environments(tmp_path):
     from stable_baselines3.common.env_util import make_vec_env
 
-    from kitchen_suite.bridges.stable_baselines3 import make_vec_env as make_ours
+    from kitchen_suite.adapters.stable_baselines3 import make_vec_env as make_ours
 
     arguments = {
         "env_id": KITCHEN,
@@ -365,7 +365,7 @@ def test_all_its_argument_names_are_taken_or_refused_with_the_way():
     from stable_baselines3.common.monitor import Monitor
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    from kitchen_suite.bridges.stable_baselines3 import make_vec_env as make_ours
+    from kitchen_suite.adapters.stable_baselines3 import make_vec_env as make_ours
 
     taken = inspect.signature(make_ours).parameters.keys()
     refused_here = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kitchen_suite.environment  # noqa: F401  chooses a GL library, which a command without pictures does not
-from kitchen_suite.cli.commands import record
+from kitchen_suite.commands.commands import record
 
 pytestmark = pytest.mark.clients
 
@@ -41,7 +41,7 @@ def dataset(request, tmp_path, monkeypatch):
 
 
 def replay_buffer(tmp_path, **options):
-    from kitchen_suite.bridges.torchrl import load_recording
+    from kitchen_suite.adapters.torchrl import load_recording
 
     return load_recording(ID, root=tmp_path / "torchrl", **options)
 

@@ -15,8 +15,8 @@ from docs_scripts import load_script
 from helpers.errors import assert_is_short, refused
 
 from kitchen_suite import suite
-from kitchen_suite.cli.commands import record
-from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.commands.commands import record
+from kitchen_suite.episodes.recording import RecordingFolder
 
 pytestmark = pytest.mark.vla_eval
 

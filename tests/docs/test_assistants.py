@@ -9,8 +9,8 @@ from docs_blocks import ROOT
 from helpers.errors import refused
 
 from kitchen_suite import gymnasium_env, policies, suite
-from kitchen_suite.cli import command, commands
-from kitchen_suite.recordings.formats import FORMATS
+from kitchen_suite.commands import command, commands
+from kitchen_suite.datasets.formats import FORMATS
 
 DOCS = ROOT / "docs"
 PAGE = (DOCS / "guide" / "assistants.md").read_text(encoding="utf-8")

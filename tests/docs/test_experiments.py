@@ -10,7 +10,7 @@ from docs_blocks import blocks_of
 from docs_blocks import run as run_block
 from docs_scripts import DOCS, load_script
 
-from kitchen_suite.cli.commands import evaluate
+from kitchen_suite.commands.commands import evaluate
 from kitchen_suite.entities.props import BURNER_DISPLACEMENTS
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 

@@ -12,7 +12,7 @@ from helpers.errors import refused
 from test_layers import MODULES
 
 from kitchen_suite import gymnasium_env, names, suite
-from kitchen_suite.cli.commands import benchmark, rollout
+from kitchen_suite.commands.commands import benchmark, rollout
 from kitchen_suite.entities import build_kitchen_scene, build_microwave_table_scene
 from kitchen_suite.gymnasium_env import FrankaMicrowaveTableEnv, SuiteEnv
 from kitchen_suite.policies import experts

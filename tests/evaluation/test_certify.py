@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.cli.commands import certify
+from kitchen_suite.commands.commands import certify
 from kitchen_suite.entities import KitchenDesign
 from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.tasks.generated_kitchens import certificates

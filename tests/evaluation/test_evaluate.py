@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from helpers.sweeps import brief
 
-from kitchen_suite.cli.commands import evaluate
+from kitchen_suite.commands.commands import evaluate
+from kitchen_suite.episodes import report
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE
-from kitchen_suite.rollouts import report
 from kitchen_suite.vector_env import base as vector_base
 
 SMALL = ["--num_episodes=5", "--max_episode_steps=4", "--num_envs=2"]
@@ -62,8 +62,8 @@ def test_the_json_does_not_depend_on_how_episodes_are_played(run, tmp_path):
 
 @pytest.mark.thorough
 def test_the_scores_are_those_of_single_episodes(run, tmp_path):
-    from kitchen_suite.rollouts.rollout import SingleRollout
-    from kitchen_suite.rollouts.spec import EnvironmentSpec
+    from kitchen_suite.episodes.play import SingleRollout
+    from kitchen_suite.episodes.spec import EnvironmentSpec
 
     kwargs = {"variations": "start", "tasks_to_complete": ["microwave", "kettle", "light switch"]}
     flags = ["--task_name=all", "--policy=expert", "--seed=5", "--max_episode_steps=100"]

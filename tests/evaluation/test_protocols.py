@@ -12,7 +12,8 @@ from helpers.errors import refused
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.cli.commands import record
+from kitchen_suite.commands.commands import record
+from kitchen_suite.episodes.recording import RecordingFolder
 from kitchen_suite.evaluation import criteria
 from kitchen_suite.evaluation.plan import find_protocol, make_plan
 from kitchen_suite.evaluation.protocols import (
@@ -27,7 +28,6 @@ from kitchen_suite.evaluation.protocols import (
 )
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import shipped_as
-from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import files
-from kitchen_suite.cli.commands import evaluate, record, verify
+from kitchen_suite.commands.commands import evaluate, record, verify
 from kitchen_suite.evaluation import evaluate_job
 from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
 from kitchen_suite.evaluation.receipts import FORMAT, Receipt, sealed
@@ -85,7 +85,7 @@ def test_a_replay_needs_no_pictures(run):
     kwargs = {"obs_type": "pixels_agent_pos", "image_size": [8, 8], "cameras": ["workspace"]}
     flags = ["--policy=random", f"--task_kwargs={json.dumps(kwargs)}", "--receipt=a.npz"]
     assert run(evaluate, *SMALL, *flags)[0] == 0
-    script = "import sys; from kitchen_suite.cli.commands import verify; sys.exit(verify.main(['a.npz']))"
+    script = "import sys; from kitchen_suite.commands.commands import verify; sys.exit(verify.main(['a.npz']))"
     without = {**os.environ, "MUJOCO_GL": "disable"}
     assert subprocess.run([sys.executable, "-c", script], env=without, check=False).returncode == 0
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kitchen_suite.cli.commands import record
-from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.commands.commands import record
+from kitchen_suite.episodes.recording import RecordingFolder
 
 COUNT = 10
 READERS = Path(__file__).with_name("readers.py")

@@ -6,10 +6,10 @@ from helpers.errors import refused
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.cli.commands import record
+from kitchen_suite.commands.commands import record
+from kitchen_suite.episodes.recording import RecordingFolder
 from kitchen_suite.policies import experts
 from kitchen_suite.policies.experts.kitchen import KitchenExpert
-from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.tasks import DEFAULT_TASKS
 
 

@@ -9,7 +9,7 @@ from helpers.episodes import play
 from helpers.sweeps import brief, brief_named
 
 from kitchen_suite import checks, experts, policies, suite
-from kitchen_suite.cli.commands import rollout
+from kitchen_suite.commands.commands import rollout
 from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.policies import registry

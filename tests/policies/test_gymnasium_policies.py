@@ -10,7 +10,7 @@ from helpers.errors import refused
 from helpers.sweeps import brief
 
 from kitchen_suite import policies, suite
-from kitchen_suite.cli.commands import evaluate, record, rollout
+from kitchen_suite.commands.commands import evaluate, record, rollout
 from kitchen_suite.gymnasium_env.observations import has_pictures
 from kitchen_suite.suite import DOMAINS
 

@@ -10,11 +10,11 @@ import pytest
 from helpers.errors import refused
 
 from kitchen_suite import suite
-from kitchen_suite.cli.commands import rollout
+from kitchen_suite.commands.commands import rollout
+from kitchen_suite.episodes.recording import RecordingFolder
 from kitchen_suite.policies import load_policy, trained
 from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, RankedPolicy, TokenPolicy, time_features
 from kitchen_suite.policies.networks import Block, Convolution, Linear, PictureEncoder, ResidualNetwork, Scales, silu
-from kitchen_suite.rollouts.folder import RecordingFolder
 
 STATE, ACTION, CHUNK, WIDTH = 59, 9, 3, 6
 TASKS = ["kettle", "microwave", "light switch"]

@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
 from kitchen_suite import checks, policies
-from kitchen_suite.cli.commands import evaluate, record, rollout
+from kitchen_suite.commands.commands import evaluate, record, rollout
 from kitchen_suite.policies import registry, remote
 
 SIZE = 4

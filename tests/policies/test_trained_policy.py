@@ -15,13 +15,13 @@ from helpers.errors import refused
 
 import kitchen_suite
 from kitchen_suite import files, policies, suite
-from kitchen_suite.cli.commands import record
+from kitchen_suite.commands.commands import record
+from kitchen_suite.episodes.episode import unflatten
+from kitchen_suite.episodes.recording import RecordingFolder
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.policies import stored
 from kitchen_suite.policies import trained as trained_policy
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.rollouts.episode import unflatten
-from kitchen_suite.rollouts.folder import RecordingFolder
 
 TASKS = {"kitchen": "mixed", "open_cabinet": "top_drawer"}
 MIXED = ["microwave", "kettle", "bottom burner", "light switch"]

@@ -45,7 +45,7 @@ FRONT_ENDS = (
 )
 
 COMMANDS = (
-    "from kitchen_suite.cli.commands import COMMANDS",
+    "from kitchen_suite.commands.commands import COMMANDS",
     "COMMANDS['rollout'].main(['--list'])",
     "COMMANDS['rollout'].main(['--num_episodes=1', '--max_episode_steps=3'])",
     "COMMANDS['record'].main(['--num_episodes=1', '--max_episode_steps=3', '--output=' + FOLDER + '/episodes'])",

@@ -11,7 +11,7 @@ from helpers.errors import refused
 from helpers.human_files import write_d4rl
 
 from kitchen_suite import suite
-from kitchen_suite.cli.commands import convert, evaluate, play, record, rollout, train
+from kitchen_suite.commands.commands import convert, evaluate, play, record, rollout, train
 from kitchen_suite.policies import load_policy
 
 pytestmark = pytest.mark.clients
@@ -319,7 +319,7 @@ def test_imitation_needs_demonstrations(tmp_path, capsys):
 
 
 def test_episodes_that_failed_are_left_out(recording):
-    from kitchen_suite.rollouts.folder import RecordingFolder
+    from kitchen_suite.episodes.recording import RecordingFolder
     from kitchen_suite.training.demonstrations import load_recording
 
     folder, _ = recording
@@ -332,7 +332,7 @@ def test_episodes_that_failed_are_left_out(recording):
 
 
 def test_only_interventions_are_learned_from(tmp_path, monkeypatch):
-    from kitchen_suite.rollouts.folder import RecordingFolder
+    from kitchen_suite.episodes.recording import RecordingFolder
     from kitchen_suite.training.demonstrations import load_recording, load_to_clone
 
     folder = tmp_path / "runs"
@@ -390,7 +390,7 @@ def test_a_policy_names_its_extra_observables_and_the_default_layout(tmp_path, c
 
 
 def test_episodes_that_are_not_finite_are_refused(recording, tmp_path):
-    from kitchen_suite.rollouts.folder import RecordingFolder
+    from kitchen_suite.episodes.recording import RecordingFolder
     from kitchen_suite.training.demonstrations import load_recording
 
     shutil.copytree(recording[0], tmp_path / "runs")
@@ -404,7 +404,7 @@ def test_episodes_that_are_not_finite_are_refused(recording, tmp_path):
 
 
 def test_several_recordings_are_learned_from_together(recording):
-    from kitchen_suite.rollouts.folder import RecordingFolder
+    from kitchen_suite.episodes.recording import RecordingFolder
     from kitchen_suite.training.demonstrations import load_demonstrations, load_recording
 
     folder, _ = recording
@@ -469,7 +469,7 @@ PIXELS = {"obs_type": "pixels_agent_pos", "cameras": ["workspace"], "image_size"
 
 @pytest.mark.rendering
 def test_a_run_learns_from_recorded_pictures(tmp_path, capsys):
-    from kitchen_suite.rollouts.spec import EnvironmentSpec
+    from kitchen_suite.episodes.spec import EnvironmentSpec
     from kitchen_suite.training.demonstrations import load_demonstrations
 
     folder, output = tmp_path / "pictures", tmp_path / "run"

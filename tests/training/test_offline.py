@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from kitchen_suite.cli.commands import evaluate, record, train
+from kitchen_suite.commands.commands import evaluate, record, train
 from kitchen_suite.policies import load_policy
 from kitchen_suite.settings import OFFLINE
 

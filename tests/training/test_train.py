@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import checks
-from kitchen_suite.cli.commands import play, train
+from kitchen_suite.commands.commands import play, train
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
 from kitchen_suite.rendering import gl, video
 from kitchen_suite.settings import PlaySettings, TrainSettings

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from helpers.training import METADATA, SMALL, environments, learner
 
-from kitchen_suite.cli.commands import play, record, train
-from kitchen_suite.rollouts.folder import RecordingFolder
-from kitchen_suite.rollouts.spec import EnvironmentSpec
+from kitchen_suite.commands.commands import play, record, train
+from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.episodes.spec import EnvironmentSpec
 
 pytestmark = pytest.mark.clients
 

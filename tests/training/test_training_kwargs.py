@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.cli.commands import train
+from kitchen_suite.commands.commands import train
 from kitchen_suite.training.hyperparameters import find_recipe
 
 pytestmark = pytest.mark.clients

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from kitchen_suite.cli.commands import train
+from kitchen_suite.commands.commands import train
 from kitchen_suite.settings import TrainSettings
 
 pytestmark = pytest.mark.clients

@@ -10,7 +10,7 @@ from helpers.sweeps import brief, walk
 from test_vector_autoreset import COUNT, MODES, assert_equal_for_ever, pair
 
 from kitchen_suite import policies, suite
-from kitchen_suite.cli.commands import record, replay, rollout
+from kitchen_suite.commands.commands import record, replay, rollout
 
 IDS = {name: suite.DOMAINS[name].env_id for name in ("kitchen", "microwave_table")}
 LAYOUT = {"variations": ["start", "dynamics", "layout"]}

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from helpers.errors import refused
 
-from kitchen_suite.rollouts.rollout import SingleRunner, VectorRunner
-from kitchen_suite.rollouts.spec import EnvironmentSpec
+from kitchen_suite.episodes.play import SingleRunner, VectorRunner
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.tasks.open_cabinet import reward
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions

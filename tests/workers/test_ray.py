@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kitchen_suite.cli.commands import record, rollout
+from kitchen_suite.commands.commands import record, rollout
 
 pytestmark = pytest.mark.ray
 

@@ -8,7 +8,7 @@ import socket
 import pytest
 
 from kitchen_suite import checks
-from kitchen_suite.cli.commands import record, rollout
+from kitchen_suite.commands.commands import record, rollout
 from kitchen_suite.workers.pool import waiting_line
 
 COMMANDS = {"kitchen-record": record.main, "kitchen-rollout": rollout.main}

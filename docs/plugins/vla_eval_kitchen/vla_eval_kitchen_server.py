@@ -19,9 +19,9 @@ from vla_eval_kitchen import SUITE_OBSERVATION
 
 from kitchen_suite import policies
 from kitchen_suite.environment import Environment
+from kitchen_suite.episodes.spec import EnvironmentSpec, policy_generator
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
-from kitchen_suite.rollouts.spec import EnvironmentSpec, policy_generator
 
 # Arguments of environments that policies without pictures do not depend on.
 _OF_PICTURES = {"obs_type", "render_quality", *PICTURE_OPTIONS}

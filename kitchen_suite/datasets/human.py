@@ -1,0 +1,268 @@
+"""Demonstrations of the kitchen that other programs recorded: files of D4RL, and Minari datasets of FrankaKitchen-v1.
+
+There are such data of the kitchen alone, so that this module reads its goals and its MDP itself. The actions of both
+formats are nine joint velocities in units of 2 rad/s and 2 m/s, which are added to the positions last observed, with
+their noise: the control mode `joint_velocity`.
+"""
+
+import collections
+import contextlib
+import importlib
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import tabulate
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from kitchen_suite import checks, files
+from kitchen_suite.datasets.d4rl import POSITIONS
+from kitchen_suite.datasets.exports import record_file
+from kitchen_suite.datasets.formats import find_source
+from kitchen_suite.datasets.minari import MinariSource
+from kitchen_suite.entities import Scene
+from kitchen_suite.episodes.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, Step
+from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
+from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
+from kitchen_suite.gymnasium_env.observations import Present
+from kitchen_suite.settings import FAILURE, USAGE
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
+from kitchen_suite.tasks.kitchen.mdp import KitchenState
+from kitchen_suite.tasks.kitchen.observation import FRANKA_SLICES, ROUNDING, SIZE, KitchenReading
+from kitchen_suite.tasks.orders import order_of, sequence_of
+from kitchen_suite.tasks.records import Metrics
+from kitchen_suite.versions import installed_versions
+
+ACTION_SIZE = 9  # Numbers of an action of the kitchen.
+
+# An episode may ask for any number of the seven tasks; episodes go on after their last completion.
+_TASK_KWARGS: dict[str, Any] = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
+
+
+class Demonstration(NamedTuple):
+    """A recorded episode.
+
+    Attributes:
+      observations: `(T + 1, 59)`, as the kitchen observes; NaN for elements that were not recorded.
+      actions: `(T, 9)`, joint velocities in units of 2 rad/s and 2 m/s.
+      achieved: `(T + 1, m)` by task, achieved goals without noise, where they were recorded.
+      goals: tasks whose goals were recorded.
+    """
+
+    observations: NDArray[np.float64]
+    actions: NDArray[np.floating]
+    achieved: Mapping[str, NDArray[np.float64]]
+    goals: Sequence[str]
+
+
+class D4RLData:
+    """A file of D4RL, such as kitchen-complete-v0, with flat arrays of all control steps.
+
+    Its observations are the positions, then goals in the same layout, 0 where there is none.
+    """
+
+    format = "D4RL"
+    has_velocities = False
+
+    def __init__(self, path: Path, scene: Scene) -> None:
+        self._scene, arrays = scene, _read_hdf5(path)
+        self.contents = {"sha256": files.file_digest(path)}
+        for name in ("observations", "actions", "terminals"):
+            if name not in arrays:
+                problem = f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals"
+                other = "one that kitchen-record made for another program needs its record beside it"
+                raise ValueError(f"{problem}; {other}, {record_file(path).name}")
+        count = np.atleast_1d(arrays["observations"]).shape[0]
+        shape = (count, 2 * POSITIONS.size)
+        _check_shape(arrays["observations"], shape, f"observations of {path}", "30 positions and 30 goals")
+        _check_actions(arrays["actions"], count, f"actions of {path}")
+        ends = np.zeros(count, bool)
+        for name in ("terminals", "timeouts"):
+            if name in arrays:
+                _check_shape(arrays[name], (count,), f"{name} of {path}", "a flag for each control step")
+                ends |= arrays[name].astype(bool)
+        bounds = np.unique([0, *(np.flatnonzero(ends) + 1), count]).tolist()
+        # The outcome of an episode's last action is not in the file.
+        self._rows = [(start, stop) for start, stop in itertools.pairwise(bounds) if stop - start > 1]
+        self._observations = arrays["observations"].astype(np.float64)
+        self._actions = arrays["actions"]
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def read(self) -> Iterator[Demonstration]:
+        for start, stop in self._rows:
+            recorded = self._observations[start:stop]
+            observations = np.full((stop - start, SIZE), np.nan)
+            observations[:, POSITIONS] = recorded[:, : POSITIONS.size]
+            objects, tasks = recorded[0, POSITIONS.size + ACTION_SIZE :], []
+            for task in DEFAULT_TASKS:
+                goal = objects[self._scene.elements(GOALS[task].prop, GOALS[task].joints)]
+                if np.allclose(goal, GOALS[task].value, atol=ROUNDING):
+                    tasks.append(task)
+            yield Demonstration(observations, self._actions[start : stop - 1], {}, tasks)
+
+
+class MinariData:
+    """A Minari dataset of FrankaKitchen-v1, such as D4RL/kitchen/complete-v2."""
+
+    format = "Minari"
+    has_velocities = True
+
+    def __init__(self, source: MinariSource, name: str) -> None:
+        self._source, self._name, self.contents = source, name, {"episodes": len(source.indices), "steps": source.steps}
+        if source.spec is not None or not source.is_original:
+            problem = f"{name} is not of FrankaKitchen-v1, but of this suite, and no recording is made of it"
+            raise ValueError(f"{problem}: kitchen-replay plays it")
+
+    def __len__(self) -> int:
+        return len(self._source.indices)
+
+    def read(self) -> Iterator[Demonstration]:
+        """Yields the episodes in order; a ValueError where one has another layout."""
+        for index in self._source.indices:
+            arrays, what = self._source.load(index).arrays, f"of episode {index} of {self._name}"
+            steps, key = len(arrays["reward"]), "observation/observation"
+            if key not in arrays:
+                raise ValueError(f"the observations {what} have no part 'observation'")
+            _check_shape(arrays[key], (steps + 1, SIZE), f"observations {what}", "positions and velocities")
+            _check_actions(arrays["action"], steps, f"actions {what}")
+            prefix = "observation/achieved_goal/"
+            achieved = {task: arrays[prefix + task] for task in DEFAULT_TASKS if prefix + task in arrays}
+            for task, goal in achieved.items():
+                _check_shape(goal, (steps + 1, len(GOALS[task].value)), f"goals of {task!r} {what}", "its joints")
+            yield Demonstration(arrays[key].astype(np.float64), arrays["action"], achieved, [*achieved])
+
+
+def open_data(name: str, root: Path | None, scene: Scene) -> D4RLData | MinariData:
+    """Opens a file of D4RL by its path, or a Minari dataset by its name below `root`, or by its own folder."""
+    path = Path(name)
+    if path.suffix in (".hdf5", ".h5") or path.is_file():
+        return D4RLData(path, scene)
+    source = find_source(name, root)
+    if not isinstance(source, MinariSource):
+        raise ValueError(f"{name} is a recording of this suite already")
+    return MinariData(source, name)
+
+
+def _read_hdf5(path: Path) -> dict[str, NDArray]:
+    checks.installed(["h5py"], "a file of D4RL", "record")
+    h5py = importlib.import_module("h5py")
+    with files.reading(path, "HDF5"), h5py.File(path, "r") as file:
+        datasets = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset)}
+        # Those of a null dataspace have no shape.
+        found = {name: item for name, item in datasets.items() if item.shape is not None and item.dtype.kind in "biuf"}
+        files.check_size(sum(item.nbytes for item in found.values()), files.MAX_ARRAY_BYTES)
+        return {name: item[()] for name, item in found.items()}
+
+
+def _check_shape(array: NDArray, shape: tuple[int, ...], what: str, meaning: str) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{what} have shape {array.shape}, not {shape}: {meaning}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{what} are not all finite")
+
+
+def _check_actions(actions: NDArray, steps: int, what: str) -> None:
+    _check_shape(actions, (steps, ACTION_SIZE), what, "nine joint velocities")
+    if (greatest := np.abs(actions).max(initial=0.0)) > 1.0 + ROUNDING:
+        problem = f"{what} reach {greatest:.3g}: they are no joint velocities in [-1, 1], in units of 2 rad/s"
+        raise ValueError(f"{problem}; absolute positions, as Diffusion Policy has them, are not converted")
+
+
+def convert(
+    environment: SuiteEnv, index: int, demonstration: Demonstration
+) -> tuple[EpisodeArrays, Metrics, list[str]]:
+    """Converts a demonstration to an episode that asks for the tasks that it completes, in the order of completion.
+
+    Rewards, completions and infos are those that the task's MDP computes from the recorded positions. Of `environment`,
+    the kitchen with `tasks_per_episode`, no step is made.
+
+    Returns:
+      The episode; its metrics, without success where it completes nothing; and the tasks that it completes, in order.
+    """
+    task: KitchenTask = environment.composer_task
+    mdp = task.mdp
+
+    def observe(number: int, state: KitchenState) -> Any:
+        flat = demonstration.observations[number]
+        return environment.observations(Present(flat, task.simulation, state, pictures={}))
+
+    robot = demonstration.observations[:, FRANKA_SLICES.robot_positions]
+    objects = demonstration.observations[:, FRANKA_SLICES.object_positions]
+    # The achieved goals `(T + 1, k)`: those recorded, or else the positions observed.
+    goals = {name: GOALS[name] for name in task.policy_inputs.tasks}
+    observed = {name: objects[:, task.scene.elements(goal.prop, goal.joints)] for name, goal in goals.items()}
+    parts = [demonstration.achieved.get(name, rows) for name, rows in observed.items()]
+    achieved = np.concatenate(parts, axis=1)
+    within = mdp.success.within(achieved)[1:]
+    first = np.where(within.any(axis=0), within.argmax(axis=0), -1)
+    order, noise = order_of(sequence_of(first), first.size), np.zeros(mdp.noise_draws)
+    readings = [KitchenReading(*rows) for rows in zip(robot, achieved, strict=True)]
+    state = mdp.with_request(mdp.initial_state(readings[0], noise), order)
+    buffer = EpisodeBuffer(observe(0, state), _info(task, state, 0))
+    for step, action in enumerate(demonstration.actions, start=1):
+        reading = readings[step]
+        state = mdp.step(state, action=action, target=reading.positions, reading=reading, draws=noise)
+        is_last = step == len(demonstration.actions)
+        outcome = Step(np.asarray(action, np.float32), float(mdp.reward(state)), termination=False, truncation=is_last)
+        buffer.add(outcome, observe(step, state), _info(task, state, step))
+    completed = task.requests.tasks_in(order)
+    instruction = task.requests.instructions_in(order)[0] if completed else ""
+    episode = EpisodeArrays(index=index, seed=None, arrays=buffer.arrays(), instruction=instruction)
+    return episode, {**task.records.metrics(episode.last_info), "success": bool(completed)}, completed
+
+
+def _info(task: KitchenTask, state: KitchenState, step: int) -> dict[str, Any]:
+    info = task.mdp.info(state)
+    return {**info, "is_success": np.array(info["is_success"]), "episode_step": np.array(step)}
+
+
+class HumanDataJob:
+    """Converts demonstrations to a recording."""
+
+    errors: ClassVar = {ValueError: USAGE, OSError: FAILURE}
+
+    def __init__(self, source: str, output: Path, data_path: Path | None) -> None:
+        """Opens the data of a file, or of a dataset below `data_path`, and starts the recording in a folder."""
+        self._source, self._output = source, output
+        base = EnvironmentSpec.make(domain_name="kitchen", task_name="all", task_kwargs=_TASK_KWARGS)
+        self._environment = suite_env(base.make_environment())
+        self._task = self._environment.composer_task
+        self._data = open_data(source, data_path, self._task.scene)
+        if not len(self._data):
+            raise ValueError(f"{source} holds no episodes of two or more observations")
+        origin, versions = {"format": self._data.format, "source": source, **self._data.contents}, installed_versions()
+        spec = EpisodeSpec(**vars(base), policy="human", seed=0, seeding="gymnasium", versions=versions, origin=origin)
+        self._folder = RecordingFolder.claim(output, spec)
+        self._finished = 0
+
+    def progress(self) -> str:
+        return f"after {self._finished} of {len(self._data)} episodes; the same command completes the recording"
+
+    def run(self) -> bool:
+        tasks, numbers = collections.Counter[str](), collections.Counter[int]()
+        goals, steps = set[str](), 0
+        demonstrations = tqdm(self._data.read(), total=len(self._data), disable=None, leave=False)
+        with contextlib.closing(self._environment):
+            for index, demonstration in enumerate(demonstrations):
+                episode, metrics, completed = convert(self._environment, index, demonstration)
+                self._folder.save(episode, EpisodeStats.of(episode, metrics))
+                tasks.update(completed)
+                numbers[len(completed)] += 1
+                goals |= {*demonstration.goals}
+                steps += episode.steps
+                self._finished += 1
+        print(f"{self._finished} episodes of {self._source} ({self._data.format}), {steps} control steps")
+        print(f"goals of the data: {', '.join(sorted(goals)) or 'none of the suite'}\n")
+        by_task = [(task, tasks[task]) for task in self._task.policy_inputs.tasks]
+        print(tabulate.tabulate(by_task, ("task", "episodes that complete it"), tablefmt="simple"), "\n")
+        print(tabulate.tabulate(sorted(numbers.items()), ("tasks completed", "episodes"), tablefmt="simple"), "\n")
+        if not self._data.has_velocities:
+            print("velocities were not recorded: policies that are trained on these episodes act on positions alone")
+        print(f"recording in {self._output}")
+        return True

@@ -1,0 +1,143 @@
+"""A folder of episodes: one file each, written atomically, and the specification that they were made from."""
+
+import dataclasses
+import hashlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from kitchen_suite import files
+from kitchen_suite.episodes.episode import EpisodeArrays, EpisodeStats
+from kitchen_suite.episodes.spec import EpisodeSpec
+from kitchen_suite.tasks.records import Metrics
+
+SPEC_FILE, _PATTERN = "recording.json", "episode_*.npz"
+_RECORDING = files.DescribedFolder(SPEC_FILE, "a recording", _PATTERN)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Metadata:
+    """Metadata of an episode's file; `results` are the task's metrics. Older files lack those with a default."""
+
+    episode: int
+    seed: int | None
+    steps: int
+    total_reward: float
+    seconds: float
+    results: Metrics
+    instruction: str = ""
+    actions_sha256: str | None = None
+    recording: Mapping[str, Any]
+
+
+class RecordingFolder:
+    """The folder of one recording, whose episodes have the specification `spec`; see `create`, `claim` and `open`."""
+
+    def __init__(self, folder: Path, spec: EpisodeSpec) -> None:
+        self._folder, self.spec = folder, spec
+
+    @classmethod
+    def create(cls, folder: Path, spec: EpisodeSpec) -> "RecordingFolder":
+        """Starts a new recording; raises as `claim`, and a FileExistsError for a folder that holds episodes already."""
+        if any(folder.glob(_PATTERN)):
+            raise FileExistsError(f"{folder} holds episodes already, which are never overwritten: name another folder")
+        return cls.claim(folder, spec)
+
+    @classmethod
+    def claim(cls, folder: Path, spec: EpisodeSpec) -> "RecordingFolder":
+        """Starts a new recording, or continues an interrupted one; a ValueError if its specification is another one.
+
+        Of several processes that start different recordings in one folder at the same time, one succeeds. Raises an
+        OSError if the folder cannot be made or written to, or holds other episodes.
+        """
+        try:
+            _RECORDING.create(folder, spec.as_json())
+        except FileExistsError:
+            if not (folder / SPEC_FILE).exists():
+                raise
+        present = cls.open(folder)
+        _RECORDING.resume(folder, present.spec.as_json(), spec.as_json())
+        return present
+
+    @classmethod
+    def open(cls, folder: Path) -> "RecordingFolder":
+        """Opens a recording; raises an OSError if there is none, or it cannot be read."""
+        path = folder / SPEC_FILE
+        record = files.load_json(path, "the specification of a recording")
+        try:
+            return cls(folder, EpisodeSpec.from_json(record))
+        except ValueError as error:
+            raise OSError(f"{path} does not describe a recording: {error}") from error
+
+    @property
+    def indices(self) -> list[int]:
+        """Numbers of the episodes in the folder, in order."""
+        first = len(_PATTERN.partition("*")[0])
+        numbers = (path.stem[first:] for path in self._folder.glob(_PATTERN))
+        return sorted(int(number) for number in numbers if number.isdecimal())
+
+    def save(self, episode: EpisodeArrays, stats: EpisodeStats) -> None:
+        """Writes an episode as a compressed npz that `numpy.load` reads without pickle, with its metadata as JSON."""
+        metadata = _Metadata(
+            episode=episode.index,
+            seed=episode.seed,
+            steps=episode.steps,
+            total_reward=stats.total_reward,
+            seconds=episode.seconds,
+            results=stats.metrics,
+            instruction=episode.instruction,
+            actions_sha256=episode.actions_sha256,
+            recording=self.spec.as_json(),
+        )
+        files.save_arrays(self._path(episode.index), episode.arrays, vars(metadata))
+
+    def remove(self, index: int) -> None:
+        self._path(index).unlink(missing_ok=True)
+
+    def load(self, index: int) -> EpisodeArrays:
+        """Reads an episode; raises an OSError if it cannot be read, or is of another number or recording."""
+        arrays, record = files.load_arrays(self._path(index), "an episode")
+        about = self._parse(index, record)
+        try:
+            episode = EpisodeArrays(
+                index=index, seed=about.seed, arrays=arrays, seconds=about.seconds, instruction=about.instruction
+            )
+            episode.check(about.actions_sha256)
+        except ValueError as error:
+            raise OSError(f"{self._path(index)} does not hold an episode: {error}") from error
+        return episode
+
+    def digest(self, indices: Iterable[int]) -> str:
+        """Returns a SHA-256 of the names, types, shapes and contents of the arrays of some episodes, in their order."""
+        digest = hashlib.sha256()
+        for index in indices:
+            for name, array in sorted(self.load(index).arrays.items()):
+                digest.update(f"{index} {name} {array.dtype.str} {array.shape} ".encode())
+                digest.update(array.tobytes())
+        return digest.hexdigest()
+
+    def load_stats(self, index: int) -> EpisodeStats:
+        """Reads the statistics of an episode, and not its arrays; raises as `load`."""
+        metadata = self._parse(index, files.load_metadata(self._path(index), "an episode"))
+        return EpisodeStats(
+            seed=metadata.seed,
+            steps=metadata.steps,
+            total_reward=metadata.total_reward,
+            metrics=metadata.results,
+            seconds=metadata.seconds,
+        )
+
+    def _parse(self, index: int, record: Mapping[str, Any]) -> _Metadata:
+        """Returns an episode's metadata; raises an OSError if they are of another episode or recording."""
+        path = self._path(index)
+        try:
+            metadata = files.parse(record, _Metadata, f"{path} does not hold an episode")
+        except ValueError as error:
+            raise OSError(str(error)) from error
+        expected = (index, self.spec.seed_of(index), self.spec.as_json())
+        if (metadata.episode, metadata.seed, metadata.recording) != expected:
+            raise OSError(f"{path} holds an episode of another number, seed or recording than its folder's")
+        return metadata
+
+    def _path(self, index: int) -> Path:
+        return self._folder / _PATTERN.replace("*", f"{index:06d}")

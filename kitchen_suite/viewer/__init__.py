@@ -1,0 +1,1 @@
+"""A live page of an environment in a browser, and teleoperation."""

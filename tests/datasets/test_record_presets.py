@@ -1,0 +1,58 @@
+"""Sets of demonstrations of `kitchen-record`."""
+
+import re
+
+import pytest
+
+from kitchen_suite import suite
+from kitchen_suite.commands.commands import record
+from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.settings import RecordSettings
+
+SHORT = ("--num_episodes=2", "--max_episode_steps=6", "--num_threads=1")
+
+
+def digest_of(out):
+    return re.search(r"digest of all arrays  ([0-9a-f]{64})\n", out).group(1)
+
+
+@pytest.fixture
+def record_set(run, tmp_path):
+    def record_set(name, *flags):
+        status, out, _ = run(record, f"--output={tmp_path / name}", *SHORT, *flags)
+        assert status == 0
+        return digest_of(out)
+
+    return record_set
+
+
+@pytest.mark.parametrize("preset", suite.DOMAINS["kitchen"].resolve("recording"))
+def test_a_preset_gives_task_arguments_and_policy(tmp_path, preset):
+    chosen = suite.DOMAINS["kitchen"].resolve("recording")[preset]
+    settings = RecordSettings(output=tmp_path, preset=preset, seed=3).resolved
+    assert (settings.task_name, settings.policy, settings.seed) == (chosen["task_name"], chosen["policy"], 3)
+    assert settings.task_kwargs == chosen.get("task_kwargs", {})
+
+
+@pytest.mark.thorough
+def test_a_seed_and_a_command_are_the_set(record_set, tmp_path):
+    """Whatever is played at once, and however often it is interrupted."""
+    digest = record_set("one", "--preset=random_order", "--num_envs=1")
+    assert record_set("other", "--preset=random_order", "--num_episodes=1") != digest
+    assert record_set("other", "--preset=random_order") == digest
+    assert record_set("third", "--preset=random_order", "--seed=1") != digest
+    arrays = RecordingFolder.open(tmp_path / "one").load(0).arrays
+    assert arrays["observation/requested_tasks"].sum(axis=1).tolist() == [1.0] * 7
+
+
+@pytest.mark.parametrize(
+    ("preset", "flag", "shown"),
+    [
+        ("random", "--seed=0", ["'random_order'"]),
+        ("fixed_order", "--task_name=kettle", ["'fixed_order'", "task_name"]),
+        ("fixed_order", "--domain_name=open_cabinet", ["preset"]),
+    ],
+)
+def test_bad_presets_are_refused_in_one_line(refusal, tmp_path, preset, flag, shown):
+    error = refusal(record, f"--output={tmp_path / 'runs'}", *SHORT, f"--preset={preset}", flag)
+    assert all(part in error for part in shown), error
