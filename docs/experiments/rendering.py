@@ -1,4 +1,11 @@
-"""Measures frames per second of renderers, and what a frame consists of."""
+"""Measures frames per second by render quality, and what a frame consists of.
+
+python docs/experiments/rendering.py                            the kitchen, beside the original's renderer
+python docs/experiments/rendering.py --domain_name=open_cabinet
+
+In every round each renderer draws frames, and the best of the rounds counts: other programs only slow down. It needs a
+GL library, and the extra `pixels` for light meshes.
+"""
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 
@@ -7,18 +14,25 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, cast
-from unittest import mock
 
 import mujoco
 import numpy as np
+from benchmark_cases import DOMAINS, BenchmarkDomain
+from benchmark_tables import print_results
+from experiment import make_parser, positive
 from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import NDArray
+from original import patched_kitchen_env
 from tqdm import tqdm
 
 from kitchen_suite.environment import Environment
-from kitchen_suite.rendering import quality
+from kitchen_suite.rendering import gl, quality
 
-HIGH, FAST, LIGHT = "high", "fast, without light meshes", "fast"
+# Names of renderers.
+ORIGINAL = "Gymnasium-Robotics"
+HIGH = "high"
+FAST = "fast, without light meshes"
+LIGHT = "fast"
 
 SIZES = (128, 480)  # Width and height of images [pixels].
 
@@ -120,17 +134,28 @@ class FrameTimer:
             self._viewer.scn.flags[:], self._model.geom_group[:] = flags, groups
 
 
-def suite_renderers(load: Callable[[str], Environment], size: int) -> dict[str, MujocoRenderer]:
-    """Builds renderers of the suite's environments, camera `overview`; without the extra `pixels` none of light meshes.
+def original_renderer(size: int) -> MujocoRenderer:
+    """Builds the renderer of the original kitchen; `size` is width and height of the images [pixels]."""
+    with patched_kitchen_env() as kitchen_env:
+        original = kitchen_env.KitchenEnv(render_mode="rgb_array", width=size, height=size)
+        original.reset(seed=0)
+    return cast(MujocoRenderer, original.robot_env.mujoco_renderer)
 
-    `load` builds an environment of a render quality, `size` is width and height of the images [pixels].
+
+def build_renderers(domain: BenchmarkDomain, size: int) -> dict[str, MujocoRenderer]:
+    """Builds renderers by name; the first is the denominator of every ratio.
+
+    They are those of the suite's environments, camera `overview`, without the extra `pixels` none of light meshes, and
+    before them the original's in the kitchen. `size` is width and height of the images [pixels].
     """
-    environments = {HIGH: load("high")}
-    with mock.patch.object(quality, "is_large", return_value=False):
-        environments[FAST] = load("fast")
+    without_light = domain.load(render_quality="high")
+    # No geom counts as visual, so that no mesh is replaced; the next reset compiles the model again.
+    quality.set_render_quality(without_light.task.root_entity.mjcf_model, "fast", lambda geom: False)
+    environments = {HIGH: domain.load(render_quality="high"), FAST: without_light}
     if not quality.missing_packages():
-        environments[LIGHT] = load("fast")
-    return {name: _renderer(environment, size) for name, environment in environments.items()}
+        environments[LIGHT] = domain.load(render_quality="fast")
+    original = {ORIGINAL: original_renderer(size)} if domain is DOMAINS["kitchen"] else {}
+    return {**original, **{name: _renderer(environment, size) for name, environment in environments.items()}}
 
 
 def _renderer(environment: Environment, size: int) -> MujocoRenderer:
@@ -139,12 +164,9 @@ def _renderer(environment: Environment, size: int) -> MujocoRenderer:
     return MujocoRenderer(physics.model.ptr, physics.data.ptr, width=size, height=size, camera_name="overview")
 
 
-def measure(renderers: Callable[[int], Mapping[str, MujocoRenderer]], *, rounds: int) -> list[dict[str, Any]]:
-    """Measures all renderers in every round; returns the results for each of `SIZES`.
-
-    `renderers` builds them by name for a size [pixels]. The best of the rounds counts: other programs only slow down.
-    """
-    return [_measure_size(size, renderers(size), rounds) for size in SIZES]
+def measure(domain: BenchmarkDomain, rounds: int) -> list[dict[str, Any]]:
+    """Measures all renderers in every round; returns the results for each of `SIZES`."""
+    return [_measure_size(size, build_renderers(domain, size), rounds) for size in SIZES]
 
 
 def _measure_size(size: int, renderers: Mapping[str, MujocoRenderer], rounds: int) -> dict[str, Any]:
@@ -176,3 +198,19 @@ def _round(timer: FrameTimer, contents: Sequence[str]) -> dict[str, float]:
         with timer.leaving_out(content):
             without[content] = timer.frame()
     return {"frame": timer.frame(), **timer.parts(), **without}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the command."""
+    parser = make_parser(__doc__)
+    parser.add_argument("--domain_name", choices=DOMAINS, default="kitchen")
+    parser.add_argument("--rounds", type=positive, default=9, help="rounds that count")
+    parser.add_argument("--json", action="store_true", help="print JSON in place of tables")
+    options = parser.parse_args(arguments)
+    gl.prepare(rendering=True)
+    results = {"results": measure(DOMAINS[options.domain_name], options.rounds)}
+    print_results(parser, options, "rendering", results)
+
+
+if __name__ == "__main__":
+    main()

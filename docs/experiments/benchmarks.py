@@ -1,29 +1,37 @@
-"""Measures control steps per second, the time of a control step beyond physics, and memory."""
+"""Measures speed and memory of the suite against bare MuJoCo and other implementations.
+
+python docs/experiments/benchmarks.py                                        ratios of control steps per second
+python docs/experiments/benchmarks.py --domain_name=open_cabinet --rounds=31
+python docs/experiments/benchmarks.py --measure=scaling --num_envs=1,8,32    by number of environments and threads
+python docs/experiments/benchmarks.py --measure=soak                         memory over a million control steps
+
+Machines are shared and noisy, so only ratios are comparable: in every round each case plays one episode with the same
+actions, and its rate is divided by that of bare MuJoCo in the same round. The table has the median over the rounds.
+`pip install envpool` adds rows of EnvPool. `python docs/experiments/rendering.py` measures frames.
+"""
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 
 # isort: split
+import argparse
 import concurrent.futures
 import contextlib
 import itertools
 import multiprocessing
-import resource
-import signal
 import statistics
 import time
 import timeit
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import gymnasium
 import numpy as np
-from dm_control import mjcf
+from benchmark_cases import DOMAINS, ENVPOOL, NUM_THREADS, BenchmarkDomain, Case
+from benchmark_tables import print_results
+from experiment import make_parser, positive, resident_memory
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite.benchmarks.cases import NUM_THREADS, BenchmarkDomain, Case
 from kitchen_suite.environment import Environment
 
 # Control steps per second in each round, by name of the case.
@@ -92,6 +100,8 @@ def overhead(environment: Environment, adapter: gymnasium.Env, *, repeats: int) 
     """
     environment.reset()
     adapter.reset()
+    for each in (environment, adapter.environment):
+        each.physics.step = _make_no_step
     action = np.zeros(environment.action_spec().shape)
     task, physics, random_state = environment.task, environment.physics, environment.random_state
 
@@ -107,9 +117,12 @@ def overhead(environment: Environment, adapter: gymnasium.Env, *, repeats: int) 
         "Gymnasium adapter": lambda: adapter.step(action),
     }
     calls = 2_000  # Of one measurement.
-    with mock.patch.object(mjcf.Physics, "step"):
-        seconds = {name: min(timeit.repeat(step, number=calls, repeat=repeats)) for name, step in measured.items()}
+    seconds = {name: min(timeit.repeat(step, number=calls, repeat=repeats)) for name, step in measured.items()}
     return {name: 1e6 * least / calls for name, least in seconds.items()}
+
+
+def _make_no_step(count: int = 1) -> None:
+    """Takes the place of the physics steps of a control step."""
 
 
 def throughput(domain: BenchmarkDomain, environments: gymnasium.vector.VectorEnv, *, num_steps: int) -> float:
@@ -124,16 +137,8 @@ def throughput(domain: BenchmarkDomain, environments: gymnasium.vector.VectorEnv
     return len(actions) * num_envs / (time.perf_counter() - start)
 
 
-def resident_memory() -> float:
-    """Returns the memory that this process holds in RAM [MiB]; Linux only."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * resource.getpagesize() / 2**20
-
-
 def memory_in_use(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
     """Returns the memory that this process holds with vectorised environments that have made a few steps [MiB]."""
-    # Ctrl-C, which the command reports, ends the process silently.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
     environments = domain.vector_env(name, num_envs, 1)
     environments.reset()
     for actions in domain.draw_actions(np.random.default_rng(0), (5, num_envs)):
@@ -157,7 +162,7 @@ def scaling(domain: BenchmarkDomain, num_envs: Sequence[int], num_steps: int) ->
     """
     rows = []
     for name, count, threads in tqdm([*itertools.product(domain.vector_names, num_envs, NUM_THREADS)], disable=None):
-        if name == "EnvPool" and count > _MAX_ENVPOOL:
+        if name == ENVPOOL and count > _MAX_ENVPOOL:
             continue
         with contextlib.closing(domain.vector_env(name, count, threads)) as environments:
             rate = throughput(domain, environments, num_steps=num_steps)
@@ -185,3 +190,62 @@ def soak(domain: BenchmarkDomain, num_envs: int, num_steps: int) -> dict[str, li
             done.append(done[-1] + steps_per_sample * num_envs)
             memory.append(resident_memory())
     return {"num_steps": done, "memory": memory}
+
+
+def measure_speed(domain: BenchmarkDomain, num_envs: int, rounds: int, steps: int) -> dict[str, Any]:
+    """Measures all cases in episodes of some control steps, their ratios, and the time of a step beyond physics."""
+    cases = domain.cases(num_envs)
+    rates = measure_rates(domain, cases, rounds=rounds, steps=steps)
+    return {
+        "results": summarize(rates, cases),
+        "ratios": named_ratios(rates, domain.ratios(num_envs)),
+        "overhead": overhead(domain.load(visuals=False), domain.adapter(), repeats=rounds),
+    }
+
+
+def numbers(text: str) -> tuple[int, ...]:
+    """Returns the positive numbers of a list such as `1,8,32`."""
+    return tuple(positive(number) for number in text.split(","))
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Returns the results of a measure: its table by name, or several."""
+    domain = DOMAINS[options.domain_name]
+    match options.measure:
+        case "speed":
+            steps = options.max_episode_steps or domain.domain.episode_steps
+            (num_envs,) = options.num_envs or (32,)
+            return measure_speed(domain, num_envs, options.rounds, steps)
+        case "scaling":
+            sizes = options.num_envs or (1, 8, 32, 128, 512)
+            return {"results": scaling(domain, sizes, options.num_steps or 10_000)}
+        case _:
+            (num_envs,) = options.num_envs or (32,)
+            return {"results": soak(domain, num_envs, options.num_steps or 1_000_000)}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the command."""
+    parser = make_parser(__doc__)
+    parser.add_argument(
+        "--measure",
+        choices=("speed", "scaling", "soak"),
+        default="speed",
+        help="control steps per second as ratios; by number of environments and threads, with memory; memory in the "
+        "course of a long run",
+    )
+    parser.add_argument("--domain_name", choices=DOMAINS, default="kitchen")
+    parser.add_argument("--rounds", type=positive, default=9, help="rounds of speed that count")
+    parser.add_argument("--max_episode_steps", type=positive, help="control steps of an episode of speed")
+    parser.add_argument("--num_envs", type=numbers, help="environments stepped together, such as 1,8,32")
+    parser.add_argument("--num_steps", type=positive, help="control steps of scaling and soak, over all environments")
+    parser.add_argument("--json", action="store_true", help="print JSON in place of tables")
+    options = parser.parse_args(arguments)
+    if options.measure != "scaling" and len(options.num_envs or (32,)) != 1:
+        given = ",".join(map(str, options.num_envs))
+        parser.error(f"{options.measure} takes exactly one number of environments, got {given}")
+    print_results(parser, options, options.measure, measure(options))
+
+
+if __name__ == "__main__":
+    main()

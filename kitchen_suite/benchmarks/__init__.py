@@ -1,1 +1,0 @@
-"""Benchmarks of speed and memory against bare MuJoCo and other implementations."""

@@ -1,0 +1,220 @@
+"""Benchmarks measure and report all their cases; each measure is run once, on a very small scale."""
+
+import functools
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from docs_scripts import DOCS, load_script
+
+pytestmark = pytest.mark.thorough
+
+SCRIPTS = DOCS / "experiments"
+RENDERERS = ("high", "fast, without light meshes", "fast")
+
+
+@pytest.fixture(scope="module")
+def benchmarks():
+    return load_script("experiments/benchmarks")
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return load_script("experiments/benchmark_tables")
+
+
+def run(script, *flags, **variables):
+    """Runs a script; returns the process with its output."""
+    command = [sys.executable, str(SCRIPTS / script), *flags]
+    return subprocess.run(command, env={**os.environ, **variables}, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module", params=["kitchen", "open_cabinet"])
+def measured(request, benchmarks):
+    """A domain, whose cases are built once, and the results of its speed."""
+    domain = benchmarks.DOMAINS[request.param]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(domain, "cases", functools.cache(domain.cases))
+        results = benchmarks.measure_speed(domain, num_envs=2, rounds=1, steps=2)
+        yield domain, {"measure": "speed", "command": "benchmarks.py", "versions": {"mujoco": "3"}, **results}
+
+
+def rows_of(text, names):
+    """Returns the numbers of the one row of each name in a text with tables."""
+    rows = {}
+    for name in names:
+        (row,) = [line for line in text.splitlines() if line.startswith(f"{name} ")]
+        rows[name] = [float(number) for number in row.removeprefix(name).split()]
+    return rows
+
+
+def test_every_case_has_a_row(measured, tables):
+    domain, results = measured
+    for name, row in rows_of(tables.plain(results), domain.cases(2)).items():
+        ratio, minimum, maximum, per_thread, rate = row
+        assert 0 < minimum == ratio == maximum
+        assert per_thread == pytest.approx(ratio / (2 if "2 threads" in name else 1), abs=0.006)
+        assert rate > 1
+
+
+def test_every_named_ratio_has_a_row(measured, tables):
+    domain, results = measured
+    for row in rows_of(tables.plain(results), domain.ratios(2)).values():
+        assert len(row) == 3
+        assert min(row) > 0
+
+
+def test_the_overhead_beyond_physics_is_less_than_a_step(measured):
+    _, results = measured
+    overhead = results["overhead"]
+    assert [*overhead] == ["the task's hooks", "suite.load", "Gymnasium adapter"]
+    for name, case in (("suite.load", "suite.load, without visuals"), ("Gymnasium adapter",) * 2):
+        rate = next(row["steps_per_second"] for each, row in results["results"].items() if each.startswith(case))
+        assert 0 < overhead[name] < 1e6 / rate
+
+
+def test_the_ratio_of_bare_mujoco_to_itself_is_one(measured):
+    _, results = measured
+    assert results["results"]["bare mj_step"]["ratio"] == 1.0
+
+
+def test_scaling_has_a_row_for_every_number_of_environments_and_threads():
+    flags = ("--domain_name=open_cabinet", "--measure=scaling", "--num_envs=1,3", "--num_steps=30")
+    # No GL library is loaded.
+    done = run("benchmarks.py", *flags, "--json", MUJOCO_GL="nonsense")
+    assert (done.returncode, done.stderr) == (0, "")
+    output = json.loads(done.stdout)
+    assert {"python", "mujoco", "dm-control", "numpy"} <= output["versions"].keys()
+    program, script, *given = output["command"].split()
+    assert (program, script, sorted(given)) == ("python", "docs/experiments/benchmarks.py", sorted(flags))
+    rows = output["results"]
+    assert [(row["num_envs"], row["num_threads"]) for row in rows] == [(1, 1), (1, 2), (3, 1), (3, 2)]
+    assert all(row["steps_per_second"] > 0 for row in rows)
+    # A further environment takes some memory, but no second model.
+    (memory,) = [row["memory"] for row in rows if row["memory"] is not None]
+    assert -5 < memory < 20
+
+
+def test_a_soak_samples_the_memory_along_the_run(benchmarks):
+    results = benchmarks.soak(benchmarks.DOMAINS["open_cabinet"], num_envs=2, num_steps=400)
+    assert results["num_steps"][0] == 0
+    assert results["num_steps"][-1] == 400
+    assert len(results["memory"]) == len(results["num_steps"])
+    assert min(results["memory"]) > 10
+
+
+def test_pages_and_terminals_get_the_same_numbers(tables):
+    row = {"vector_env": "vectorised", "num_envs": 2, "num_threads": 1, "steps_per_second": 1234.4, "memory": 0.5}
+    results = {"measure": "scaling", "command": "benchmarks.py", "versions": {"mujoco": "3"}, "results": [row]}
+    for text in (tables.plain(results), tables.markdown(results)):
+        assert "vectorised, 2" in text
+        assert "1234" in text
+        assert "0.50" in text
+        assert "mujoco 3" in text
+
+
+@pytest.mark.parametrize(
+    "flag",
+    ["--rounds=0", "--rounds=many", "--speed", "--domain_name=bath", "--measure=comfort", "--num_envs=1,8"],
+)
+def test_bad_flags_end_with_code_2(benchmarks, flag, capsys):
+    with pytest.raises(SystemExit) as ended:
+        benchmarks.main([flag])
+    assert ended.value.code == 2
+    assert flag.partition("=")[2] in capsys.readouterr().err
+
+
+def test_the_summary_takes_medians_of_ratios_round_by_round(benchmarks):
+    rates = {"bare": [100.0, 200.0, 400.0], "other": [50.0, 200.0, 800.0]}
+    cases = {
+        "bare": benchmarks.Case(episode=print),
+        "other": benchmarks.Case(episode=print, num_envs=4, num_threads=2),
+    }
+    assert benchmarks.summarize(rates, cases)["other"] == {
+        "ratio": 1.0,
+        "min": 0.5,
+        "max": 2.0,
+        "ratio_per_thread": 0.5,
+        "steps_per_second": 200.0,
+    }
+    assert benchmarks.named_ratios(rates, {"slower": ("bare", "other")}) == {
+        "slower": {"ratio": 1.0, "min": 0.5, "max": 2.0}
+    }
+
+
+@pytest.fixture
+def rendering(monkeypatch, tmp_path):
+    """The script, which takes one tiny frame of each kind."""
+    module = load_script("experiments/rendering")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(module, "SIZES", (16, 24))
+    monkeypatch.setattr(module, "SECONDS", 0.0)
+    return module
+
+
+@pytest.mark.rendering
+@pytest.mark.parametrize(
+    ("domain", "baseline"),
+    # Frames of the original take half a second each.
+    [pytest.param("kitchen", ("Gymnasium-Robotics",), marks=pytest.mark.slow), ("open_cabinet", ())],
+)
+def test_rendering_has_a_row_for_every_renderer_size_and_content(domain, baseline, rendering, tables, capsys):
+    rendering.main([f"--domain_name={domain}", "--rounds=1", "--json"])
+    results = json.loads(capsys.readouterr().out)
+    assert [each["size"] for each in results["results"]] == [16, 24]
+    for each in results["results"]:
+        assert (*each["renderers"],) == (*baseline, *RENDERERS)
+        for row in each["renderers"].values():
+            assert row["ratio"] > 0
+            assert min(row["times"].values()) > 0
+        assert each["renderers"][[*baseline, "high"][0]]["ratio"] == 1.0
+        *full, light = (row["num_faces"] for row in each["renderers"].values())
+        assert len(set(full)) == 1
+        assert min(full) > 130_000 > 25_000 > light
+    first, second = (each["renderers"]["fast"]["contents"] for each in results["results"])
+    assert {*first} == {*rendering.CONTENTS}
+    assert second == {}
+    lines = tables.plain(results).splitlines()
+    for name in (*baseline, *RENDERERS):
+        for size in (16, 24):
+            assert len([line for line in lines if line.startswith(f"{name}, {size} x {size} ")]) == 2
+    for content in rendering.CONTENTS:
+        (row,) = [line for line in lines if line.startswith(f"{content} ")]
+        assert len(row.removeprefix(content).split()) == len(baseline) + len(RENDERERS)
+
+
+@pytest.mark.slow
+@pytest.mark.rendering
+def test_frames_are_measured_without_what_they_consist_of(rendering):
+    renderers = rendering.build_renderers(rendering.DOMAINS["kitchen"], 96)
+    timers = {name: rendering.FrameTimer(each) for name, each in renderers.items()}
+    for name, timer in timers.items():
+        timer.frame()
+        picture = timer.picture()
+        for content in rendering.CONTENTS:
+            with timer.leaving_out(content):
+                without = timer.picture()
+            # The floor reflects, but is not in the picture; `fast` has no shadows, sky or reflections.
+            absent = ("reflections", *([] if name in ("Gymnasium-Robotics", "high") else ["shadows", "sky and haze"]))
+            assert (without != picture).any() or content in absent, (name, content)
+        timer.frame()
+        np.testing.assert_array_equal(timer.picture(), picture)
+    for timer in timers.values():
+        timer.close()
+
+
+@pytest.mark.slow
+@pytest.mark.rendering
+def test_rendering_without_the_extra_leaves_light_meshes_out(rendering, monkeypatch):
+    monkeypatch.setattr(rendering.quality, "missing_packages", lambda: ["no-such-package"])
+    (each, _) = rendering.measure(rendering.DOMAINS["open_cabinet"], rounds=1)
+    assert (*each["renderers"],) == RENDERERS[:2]
+
+
+def test_rendering_without_a_gl_library_says_so():
+    done = run("rendering.py", MUJOCO_GL="disable")
+    assert done.returncode == 1
+    assert "rendering is disabled by MUJOCO_GL=disable" in done.stderr
