@@ -1,7 +1,7 @@
 """Certificates of generated kitchens: what was found when they were built and the expert played in them.
 
 A file has a line of JSON for each kitchen. The package has those of the first kitchens of both splits, and
-`kitchen-certify` writes others, by default to the user's cache folder.
+`kitchen_suite.evaluation.certification` makes others; those in the user's cache folder are found as well.
 """
 
 import functools
@@ -89,8 +89,10 @@ def certificate_of(design: KitchenDesign) -> Certificate:
             if found is not None:
                 check_design(found, design, path)
                 return found
-    command = f"kitchen-certify --split={split} --designs={number}:{int(number) + 1}"
-    raise ValueError(f"kitchen {design.name} has no certificate: {command} makes one")
+    raise ValueError(
+        f"kitchen {design.name} has no certificate: kitchen_suite.evaluation.certification.write_certificates("
+        f"certificates.default_path({split!r}), [{number}], {split!r}) makes one"
+    )
 
 
 def check_design(certificate: Certificate, design: KitchenDesign, path: Path) -> None:

@@ -1,13 +1,15 @@
-"""Certificates of generated kitchens: `kitchen-certify`, its file, and episodes of what is certified."""
+"""Certificates of generated kitchens: how they are made, their file, and episodes of what is certified."""
 
 import msgspec
 import numpy as np
 import pytest
+from docs_scripts import load_script
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import certify
 from kitchen_suite.entities import KitchenDesign
 from kitchen_suite.entities.designs import SPLITS
+from kitchen_suite.evaluation import certification
+from kitchen_suite.evaluation.certification import check_certificates, write_certificates
 from kitchen_suite.tasks.generated_kitchens import certificates
 from kitchen_suite.tasks.variations.layouts import CLEARANCE_TOLERANCE
 
@@ -18,7 +20,7 @@ DESIGN = 0
 def certified(tmp_path_factory):
     """File of the certificate of one kitchen."""
     path = tmp_path_factory.mktemp("certificates") / "train.jsonl"
-    assert certify.main([f"--output={path}", f"--designs={DESIGN}:{DESIGN + 1}", "--num_workers=1"]) == 0
+    assert list(write_certificates(path, [DESIGN], "train")) == [DESIGN]
     return path
 
 
@@ -34,64 +36,130 @@ def ship(tmp_path, monkeypatch):
     return ship
 
 
+def certificate_of(number, **changes):
+    """A certificate of a kitchen of the split `train`, made up."""
+    digest = certificates.design_digest(KitchenDesign.drawn(number, "train"))
+    given = {"design": number, "digest": digest, "physics": "fast", "depth_mm": 0.0, "reached": {}, "steps": {}}
+    return certificates.Certificate(**{**given, **changes})
+
+
+def line_of(certificate):
+    return msgspec.json.encode(certificate) + b"\n"
+
+
+@pytest.fixture
+def made_up(monkeypatch):
+    """Makes certificates up, in place of the expert's; the numbers of the kitchens in order."""
+    made = []
+
+    def certify(number, split):
+        made.append(number)
+        return certificate_of(number)
+
+    monkeypatch.setattr(certification, "certify", certify)
+    return made
+
+
 @pytest.mark.thorough
-def test_a_kitchen_is_certified_and_the_certificate_holds(certified, capsys):
+def test_a_kitchen_is_certified_and_the_certificate_holds(certified):
     certificate = certificates.read(certified)[DESIGN]
     task = suite.load("kitchens", "any", {"design": DESIGN, "visuals": False}).task
     assert certificate.steps.keys() == {*task.requests.tasks}
     assert certificate.depth_mm <= 1e3 * CLEARANCE_TOLERANCE
     assert len(certificate.reached) == len(task.scene.parts)
-    flags = [f"--output={certified}", f"--designs={DESIGN}:{DESIGN + 1}", "--num_workers=1"]
-    assert certify.main([*flags, "--check"]) == 0
-    assert "1 of 1 certificates hold" in capsys.readouterr().out
+    assert check_certificates(certified, [DESIGN], "train") == []
 
 
 @pytest.mark.thorough
-def test_what_is_there_is_kept_and_what_was_cut_off_is_certified_again(certified, tmp_path):
-    line = certified.read_bytes()
-    path = tmp_path / "cut.jsonl"
-    path.write_bytes(line.replace(b'"design":0', b'"design":7') + line[:40])
-    assert list(certificates.read(path)) == [7]
-    assert certify.main([f"--output={path}", f"--designs={DESIGN}:{DESIGN + 1}", "--num_workers=1"]) == 0
-    assert path.read_bytes() == line.replace(b'"design":0', b'"design":7') + line
+def test_a_certificate_is_that_of_the_package(certified):
+    assert certified.read_bytes() == (certificates._SHIPPED / "train.jsonl").read_bytes().splitlines(keepends=True)[0]
 
 
 @pytest.mark.thorough
-def test_an_altered_certificate_does_not_hold(certified, tmp_path, capsys):
+def test_several_processes_make_the_same_certificates(certified, tmp_path):
+    path = tmp_path / "train.jsonl"
+    write_certificates(path, [DESIGN], "train", num_workers=2)
+    assert path.read_bytes() == certified.read_bytes()
+
+
+@pytest.mark.thorough
+def test_an_altered_certificate_does_not_hold(certified, tmp_path):
     found = certificates.read(certified)[DESIGN]
     altered = {**found.steps, next(iter(found.steps)): None}
     path = tmp_path / "altered.jsonl"
-    path.write_bytes(msgspec.json.encode(msgspec.structs.replace(found, steps=altered)) + b"\n")
-    flags = [f"--output={path}", f"--designs={DESIGN}:{DESIGN + 2}", "--num_workers=1", "--check"]
-    assert certify.main(flags) == 1
-    out = capsys.readouterr().out
-    assert f"kitchen train/{DESIGN} has another certificate now" in out
-    assert f"kitchen train/{DESIGN + 1} has no certificate in the file" in out
-    assert "0 of 2 certificates hold" in out
+    path.write_bytes(line_of(msgspec.structs.replace(found, steps=altered)))
+    assert check_certificates(path, [DESIGN, DESIGN + 1], "train") == [DESIGN, DESIGN + 1]
 
 
-def test_certificates_of_other_designs_are_not_completed(tmp_path, capsys):
-    stale = certificates.Certificate(design=0, digest="0" * 16, physics="fast", depth_mm=0.0, reached={}, steps={})
+def test_certificates_that_are_there_are_kept_and_those_cut_off_are_made_again(made_up, tmp_path):
+    path = tmp_path / "cut.jsonl"
+    path.write_bytes(line_of(certificate_of(7, depth_mm=0.5)) + line_of(certificate_of(0))[:40])
+    assert list(certificates.read(path)) == [7]
+    assert list(write_certificates(path, range(2), "train")) == [0, 1]
+    assert made_up == [0, 1]
+    assert path.read_bytes() == b"".join(map(line_of, (certificate_of(7, depth_mm=0.5), *map(certificate_of, (0, 1)))))
+
+
+def test_an_interrupt_leaves_whole_lines_and_the_same_call_continues(made_up, tmp_path, monkeypatch):
+    path, certify = tmp_path / "train.jsonl", certification.certify
+
+    def interrupted(number, split):
+        if number == 2:
+            raise KeyboardInterrupt
+        return certify(number, split)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(certification, "certify", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            write_certificates(path, range(4), "train")
+    assert path.read_bytes() == b"".join(map(line_of, map(certificate_of, (0, 1))))
+    assert list(write_certificates(path, range(4), "train")) == [0, 1, 2, 3]
+    assert made_up == [0, 1, 2, 3]
+
+
+def test_certificates_of_other_designs_are_not_completed(made_up, tmp_path):
+    stale = certificate_of(0, digest="0" * 16)
     path = tmp_path / "stale.jsonl"
-    path.write_bytes(msgspec.json.encode(stale) + b"\n")
-    assert certify.main([f"--output={path}", "--designs=0:2", "--num_workers=1"]) in (1, 2)
-    assert f"{path} has a certificate of another design as kitchen train/0" in capsys.readouterr().err
+    path.write_bytes(line_of(stale))
+    for certify in (write_certificates, check_certificates):
+        with pytest.raises(ValueError, match="has a certificate of another design as kitchen train/0"):
+            certify(path, range(2), "train")
     assert certificates.read(path) == {0: stale}
 
 
-@pytest.mark.parametrize("designs", ["3", "5:5", "7:2", "a:b", "-1:3", "0:1:2"])
-def test_numbers_of_kitchens_that_are_no_range_are_refused(designs, tmp_path, capsys):
-    assert certify.main([f"--output={tmp_path / 'a.jsonl'}", f"--designs={designs}"]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-
-
 @pytest.mark.parametrize("text", ["no certificate\n", '{"rows": []}', '{"design":3}\n{"name": "mine"}'])
-def test_a_file_that_holds_something_else_is_refused(text, tmp_path, capsys):
+def test_a_file_that_holds_something_else_is_refused(made_up, text, tmp_path):
     path = tmp_path / "notes.jsonl"
     path.write_text(text)
-    assert certify.main([f"--output={path}", "--designs=0:1"]) in (1, 2)
-    assert capsys.readouterr().err.count("\n") == 1
+    with pytest.raises(OSError, match=r"notes\.jsonl"):
+        write_certificates(path, [0], "train")
     assert path.read_text() == text
+
+
+def test_an_unknown_split_is_refused(made_up, tmp_path):
+    with pytest.raises(ValueError, match=r"'tets'.*'test'"):
+        write_certificates(tmp_path / "a.jsonl", [0], "tets")
+
+
+def test_the_script_prints_a_table_and_checks(made_up, tmp_path, monkeypatch, capsys):
+    script, path = load_script("experiments/certify"), tmp_path / "train.jsonl"
+    steps = {"open drawers_1/drawer_1": 30, "open drawers_1/drawer_2": None, "turn_on hood_1/light_switch": 20}
+    path.write_bytes(line_of(certificate_of(0, steps=steps, reached={"kettle/handle": True})))
+
+    def run(*flags):
+        monkeypatch.setattr("sys.argv", ["certify.py", f"--output={path}", "--num_workers=1", *flags])
+        return script.main(), capsys.readouterr().out
+
+    status, out = run("--designs=0:2")
+    assert (status, made_up) == (0, [1])
+    rows = [line.split() for line in out.splitlines()]
+    assert ["open", "drawers", "2", "50%"] in rows
+    assert ["all", "3", "66.7%"] in rows
+    assert "2 kitchens; handles in reach: 100.0%; greatest depth: 0.0 mm" in out
+    status, out = run("--designs=0:3", "--check")
+    assert status == 1
+    assert "1 of 3 certificates hold" in out
+    assert out.count("has another certificate now, or none in the file") == 2
 
 
 def test_episodes_of_certified_kitchens_ask_for_certified_tasks_alone(ship):
@@ -117,7 +185,7 @@ def test_episodes_of_certified_kitchens_ask_for_certified_tasks_alone(ship):
 
 def test_kitchens_without_a_certificate_of_theirs_are_refused(ship):
     ship()
-    with pytest.raises(ValueError, match=r"train/3 has no certificate: kitchen-certify --split=train --designs=3:4"):
+    with pytest.raises(ValueError, match=r"train/3 has no certificate: .*write_certificates\(.*\[3\], 'train'\)"):
         suite.load("kitchens", "open", {"design": 3, "certified": True})
     own = KitchenDesign.make(3, "train").to_json()
     with pytest.raises(ValueError, match="only kitchens of a split have certificates"):
