@@ -27,9 +27,6 @@ class PolicyInputs:
       observes_requests: whether the observation ends with the request: 1 for each requested one of `tasks`, else 0.
       keys: beginnings of the keys of goals and requests, in the order of the flat observation; all other keys are of
         the state.
-      goal_elements: elements of the state that goal states are compared in: the positions of objects; empty where a
-        task has no such states.
-      goal_place: index in the flat observation of the first of these in the last goal state; None if none is observed.
     """
 
     names: tuple[str, ...]
@@ -38,8 +35,6 @@ class PolicyInputs:
     tasks: tuple[str, ...] = ()
     observes_requests: bool = False
     keys: tuple[str, ...] = ()
-    goal_elements: tuple[int, ...] = ()
-    goal_place: int | None = None
 
     @property
     def size(self) -> int:
@@ -74,8 +69,3 @@ class PolicyInputs:
         requests = flat[..., -count:] if self.observes_requests else np.ones((*flat.shape[:-1], count))
         requested = {name: requests[..., i : i + 1] for i, name in enumerate(self.tasks)}
         return np.concatenate([flat[..., : self.state_size], *(requested.get(name, none) for name in tasks)], axis=-1)
-
-    def wanted(self, observation: NDArray | Mapping[str, Any]) -> Array:
-        """Returns the `goal_elements` `(..., g)` of the last goal state in an observation, as `flatten` takes it."""
-        assert self.goal_place is not None, "goal states are observed"
-        return self.flatten(observation)[..., self.goal_place : self.goal_place + len(self.goal_elements)]

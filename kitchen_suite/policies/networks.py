@@ -1,4 +1,4 @@
-"""Networks that act with numpy alone; PyTorch's arrays of the same names are in `training.imitation`."""
+"""Networks that act with numpy alone; PyTorch's arrays of the same names are in `training.bc`."""
 
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple, Self
@@ -19,10 +19,6 @@ class Linear(NamedTuple):
     def __call__(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Returns `(..., n)` for values `(..., m)`."""
         return values @ self.weight.T + self.bias
-
-    def rows(self, start: int, stop: int) -> Self:
-        """Returns the map to the outputs from `start` to before `stop` alone."""
-        return self._replace(weight=self.weight[start:stop], bias=self.bias[start:stop])
 
 
 class Block(NamedTuple):
@@ -69,7 +65,8 @@ class ResidualNetwork(NamedTuple):
         count = sum(key.startswith(f"{name}.") and key.endswith(".norm.weight") for key in arrays)
         parts = ["input", *(f"blocks.{i}.{part}" for i in range(count) for part in Block._fields), "output"]
         first, *middle, last = _take_parts(arrays, name, parts)
-        width, size = first.bias.size, len(Block._fields)
+        width = first.bias.size
+        size = len(Block._fields)
         square = (width, width)
         expected = [(width, *first.weight.shape[-1:]), *[(width,), square, square] * count, (last.bias.size, width)]
         for label, (weight, bias), shape in zip(parts, (first, *middle, last), expected, strict=True):
@@ -97,14 +94,10 @@ class ResidualNetwork(NamedTuple):
 
     def __call__(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Returns `(..., n)` for values `(..., m)`."""
-        return self.output(self.features(values))
-
-    def features(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns the values `(..., w)` of which the outputs are an affine map, for values `(..., m)`."""
         values = self.input(values)
         for block in self.blocks:
             values = block(values)
-        return values
+        return self.output(values)
 
 
 class Convolution(NamedTuple):
@@ -168,7 +161,8 @@ class PictureEncoder(NamedTuple):
     def check_takes(self, height: int, width: int) -> None:
         """Raises a ValueError unless pictures of a size [pixels] are what the encoder takes."""
         for _ in self.convolutions:
-            height, width = (height + 1) // 2, (width + 1) // 2
+            height = (height + 1) // 2
+            width = (width + 1) // 2
         channels = self.convolutions[-1].bias.size if self.convolutions else 3
         if self.output.weight.shape[1] != channels * height * width:
             raise ValueError("an encoder does not take pictures of this size")

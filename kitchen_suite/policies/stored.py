@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import dm_env
-import numpy as np
 from numpy.typing import NDArray
 
 import kitchen_suite
@@ -69,10 +68,11 @@ class StoredPolicy(abc.ABC):
     def check_fits(self, task: "SuiteTask") -> None:
         """Raises a ValueError unless the policy's sizes are a task's, and it can act in the task's control mode."""
 
-    def episode(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
-        """Returns the policy of an episode of a task, with its generator; a ValueError if it does not fit the task."""
+    def episode(self, task: "SuiteTask") -> EpisodePolicy:
+        """Returns the policy of an episode of a task; raises a ValueError if it does not fit the task."""
         self.check_fits(task)
-        act, convert = self._acting(task, generator), task.mdp.action_mode.conversion(self._control_mode(task))
+        act = self._acting(task)
+        convert = task.mdp.action_mode.conversion(self._control_mode(task))
         if not convert:
             return act
         # The task may have another control mode than the actions.
@@ -80,7 +80,7 @@ class StoredPolicy(abc.ABC):
         return lambda timestep: convert(inputs.state_and_requests(timestep.observation, ()).ravel(), act(timestep))
 
     @abc.abstractmethod
-    def _acting(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
+    def _acting(self, task: "SuiteTask") -> EpisodePolicy:
         """Returns the policy of an episode in the control mode that it was trained in."""
 
     @property
@@ -127,7 +127,8 @@ class StoredPolicy(abc.ABC):
         if (observed, self.action_size) != (expected, size):
             mapped = f"{observed} observed numbers to {self.action_size} numbers of an action"
             raise ValueError(f"the policy maps {mapped}, but this task has {expected} and {size}: {self._trained_for}")
-        mode, present = self._control_mode(task), task.mdp.action_mode
+        mode = self._control_mode(task)
+        present = task.mdp.action_mode
         if mode != present.name and not present.conversion(mode):
             raise ValueError(f"the policy acts in control mode {mode!r}, not {present.name!r}: {self._trained_for}")
 

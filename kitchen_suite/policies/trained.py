@@ -112,7 +112,7 @@ class TrainedPolicy(StoredPolicy):
     def check_fits(self, task: "SuiteTask") -> None:
         self._check_sizes_and_mode(task, observed=self.observation_size, expected=task.policy_inputs.size)
 
-    def _acting(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
+    def _acting(self, task: "SuiteTask") -> EpisodePolicy:
         flatten = task.policy_inputs.flatten
         return lambda timestep: self(flatten(timestep.observation).ravel())
 
@@ -137,7 +137,8 @@ def shipped(task: "SuiteTask") -> Path:
 
 def _sees(path: Path, task: "SuiteTask") -> bool | None:
     """Returns whether a policy takes pictures; None if the task does not observe those that it takes."""
-    metadata, taken = _metadata(path), task.pictures.by_name
+    metadata = _metadata(path)
+    taken = task.pictures.by_name
     cameras = metadata.get("cameras", ())
     sizes = [list(taken[camera].array_spec.shape[:2]) for camera in cameras if camera in taken]
     return bool(cameras) if sizes == [metadata.get("image_size")] * len(cameras) else None

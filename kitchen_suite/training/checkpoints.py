@@ -12,7 +12,7 @@ import torch
 from msgspec import Meta
 from tqdm import tqdm
 
-from kitchen_suite import files
+from kitchen_suite import checks, files
 
 _PATTERN = "checkpoint_*.pt"
 _NUM_KEPT = 3
@@ -47,7 +47,7 @@ class Checkpoint:
     successes: Annotated[list[float], Meta(max_length=2)]
 
 
-class CheckpointError(Exception):
+class CheckpointError(checks.WorkFailedError):
     """None of the checkpoints in a folder can be read."""
 
 
@@ -88,7 +88,8 @@ def load_last(folder: Path, check: Callable[[Checkpoint], None] = lambda checkpo
 
 def _checked(contents: bytes) -> io.BytesIO:
     """Returns the zip file in a checkpoint; raises a ValueError unless the digest matches, before it is read."""
-    state, digest = contents[:-_DIGEST_SIZE], contents[-_DIGEST_SIZE:]
+    state = contents[:-_DIGEST_SIZE]
+    digest = contents[-_DIGEST_SIZE:]
     if hashlib.sha256(state).digest() != digest:
         raise ValueError("it does not end with its SHA-256: it is damaged, or of an earlier version")
     with zipfile.ZipFile(io.BytesIO(state)) as archive:

@@ -1,4 +1,4 @@
-"""Recorded demonstrations, as observations and actions that PPO clones, or as inputs and chunks of actions."""
+"""Recorded demonstrations: inputs and chunks of actions for behaviour cloning, observations and actions for PPO."""
 
 import contextlib
 import dataclasses
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import suite
 from kitchen_suite.episodes.episode import unflatten
-from kitchen_suite.episodes.recording import SPEC_FILE, RecordingFolder
+from kitchen_suite.episodes.recording import SPEC_FILE, Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.observations import picture_key
@@ -101,13 +101,15 @@ def load_recording(
         if missing == spec.names:
             raise ValueError(problem)
         warnings.warn(f"{problem}: nothing is learned of {sorted(name for _, name in missing)}", stacklevel=2)
-    successful = (index for index in recording.indices if recording.load_stats(index).metrics["success"])
+    successful = (index for index in recording.indices if recording.load_summary(index).metrics["success"])
     indices = [*itertools.islice(successful, count)]
     if len(indices) < (count or 1):
         raise ValueError(f"{folder} holds {len(indices)} successful episodes, not {count or 'one or more'}")
     with recording.spec.make_environment() as environment:
         single = suite_env(environment)
-        task, robot, sees = single.composer_task, single.observations.robot_elements, single.observations.has_pictures
+        task = single.composer_task
+        robot = single.observations.robot_elements
+        sees = single.observations.has_pictures
     episodes = [recording.load(index).arrays for index in indices]
     taught = _taught(episodes, folder)
     chosen = np.concatenate(taught)
@@ -181,7 +183,7 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
     if not recording.indices:
         raise ValueError(f"{folder} holds no episodes yet")
     if recording.spec.origin is not None:
-        raise ValueError(f"{folder} was made by kitchen-convert: --algorithm=bc, flow or vqbet learns from it")
+        raise ValueError(f"{folder} was made by kitchen-convert: behaviour cloning (bc) learns from it")
     episodes = [recording.load(index).arrays for index in recording.indices]
     with spec.make_environment() as environment:
         flatten = suite_env(environment).composer_task.policy_inputs.flatten
@@ -191,19 +193,30 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
     return finite(observations, folder), finite(actions, folder)
 
 
-def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[str]) -> RecordingFolder:
+def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[str]) -> Recording:
     """Opens a recording whose observations and actions mean the same as in the `wanted` environments to be trained in.
 
     The domain's `options`, which are named, have to be equal.
     """
     if not (folder / SPEC_FILE).exists():
-        raise FileNotFoundError(f"there is no recording in {folder}: kitchen-record --output={folder} makes one")
-    recording = RecordingFolder.open(folder)
+        raise FileNotFoundError(f"there is no recording in {folder}: kitchen-record makes one")
+    recording = Recording.open(folder)
     recorded = recording.spec
     if recorded.domain_name != wanted.domain_name:
         raise ValueError(f"{folder} holds episodes of {_title(recorded)}, not of {_title(wanted)}")
     check_same(folder, recorded, wanted, (*OBSERVATION_OPTIONS, *options))
     return recording
+
+
+def check_observed(spec: EnvironmentSpec, algorithm: str, others: Collection[str] = ()) -> None:
+    """Raises a ValueError unless policies of an algorithm take the observations of environments.
+
+    They take the domain's default observation type, and some `others`.
+    """
+    taken = (spec.env_class.obs_types[0], *others)
+    if (obs_type := spec.task_kwargs.get("obs_type") or taken[0]) not in taken:
+        problem = f"obs_type {obs_type!r} cannot be trained on with {algorithm!r}"
+        raise ValueError(f"{problem}: its policies take {' or '.join(map(repr, taken))}")
 
 
 def check_same(path: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec, names: Collection[str]) -> None:
@@ -213,7 +226,7 @@ def check_same(path: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec, n
         if one != other:
             one, other = _in_mode(recorded, name, one), _in_mode(wanted, name, other)
         if one != other:
-            remedy = _REMEDIES.get(name, "pass the same --task_kwargs to both commands")
+            remedy = _REMEDIES.get(name, "record and train with the same task_kwargs")
             found, wanted_now = json.dumps(one), json.dumps(other)
             raise ValueError(f"{path} was made with {name} {found}, but this run has {wanted_now}: {remedy}")
 

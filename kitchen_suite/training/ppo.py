@@ -1,27 +1,62 @@
-"""Proximal policy optimisation (PPO), in plain PyTorch."""
+"""Proximal policy optimisation (PPO) on many environments at once, from scratch, a clone or a trained policy.
 
+From top to bottom: the networks; a batch of control steps and how the agent learns from it; exploration; which tasks
+are drawn; cloning before the first step; the learner, which collects batches; the loop; and the arguments of a run.
+"""
+
+import collections
+import concurrent.futures
 import copy
 import itertools
+import json
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, cast
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 import torch
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from tqdm import tqdm
 
+from kitchen_suite import checks, suite
+from kitchen_suite.episodes.play import Controller, NetworkController
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.policies.networks import CLIP
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.training.hyperparameters import Hyperparameters
+from kitchen_suite.tasks.requests import Requests
+from kitchen_suite.tasks.task import SuiteTask
+from kitchen_suite.training.checkpoints import Checkpoint
+from kitchen_suite.training.demonstrations import OBSERVATION_OPTIONS, check_observed, check_same, load_to_clone
+from kitchen_suite.training.export import linear_layers, perceptron
+from kitchen_suite.training.recipes import PPOHyperparameters, find_recipe
+from kitchen_suite.training.run import Learner, Run, SeedRun, episode_metrics
+from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Bounds of adapted learning rates, the factor of an adaptation, and how far beyond the target the divergence must be.
-_LEARNING_RATES, _RATE_FACTOR, _TOLERANCE = (1e-6, 1e-2), 1.5, 2.0
+_LEARNING_RATES = (1e-6, 1e-2)  # Bounds of adapted learning rates.
+_RATE_FACTOR = 1.5  # Factor of an adaptation of the learning rates.
+_TOLERANCE = 2.0  # Factor between divergence and target beyond which learning rates are adapted.
 
 _EPSILON = 1e-8  # Added to the standard deviations of advantages and of returns.
 
 # Metrics of a step of the optimiser, in order.
 _STEP_METRICS = ("loss/policy loss", "loss/value loss", "loss/entropy loss", "learning/divergence")
+
+_LEAST_WEIGHT = 0.05  # Weight of a task that always succeeds; that of one that never does is greater by 1.
+_MEMORY = 50  # Number of episodes of a task over which its success is averaged.
+
+# Bound of cloned actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
+# squared error of a few large actions would dominate the loss.
+_ACTION_LIMIT = 5.0
+
+_CLONE_BATCH_SIZE = 512  # Minibatch size of cloning.
+_CLONE_LEARNING_RATE = 1e-3  # Initial learning rate of cloning (AdamW); it falls to 0 like half a cosine.
+_CLONE_WEIGHT_DECAY = 1e-4  # Weight decay of cloning.
 
 
 class GaussianPolicy(torch.nn.Module):
@@ -38,7 +73,7 @@ class GaussianPolicy(torch.nn.Module):
 
     scale: torch.Tensor
 
-    def __init__(self, observation_size: int, scale: torch.Tensor, config: Hyperparameters) -> None:
+    def __init__(self, observation_size: int, scale: torch.Tensor, config: PPOHyperparameters) -> None:
         """Builds the network, with the hidden layers and the exploration of the hyperparameters."""
         super().__init__()
         self.network = build_network([observation_size, *config.hidden, scale.numel()])
@@ -93,7 +128,8 @@ class RunningScaler(torch.nn.Module):
     def update(self, vectors: torch.Tensor) -> None:
         """Adds vectors `(n, m)`, two or more, to the statistics."""
         variance, mean = torch.var_mean(vectors.double(), dim=0)
-        count, total = vectors.shape[0], self.current_count + vectors.shape[0]
+        count = vectors.shape[0]
+        total = self.current_count + count
         delta = mean - self.running_mean
         squares = self.running_variance * self.current_count + variance * count
         squares += delta.square() * self.current_count * count / total
@@ -153,7 +189,8 @@ def advantages(
     """
     goes_on = (~ended).float()
     errors = rewards + discount * goes_on * values[1:] - values[:-1]
-    estimates, last = torch.empty_like(errors), torch.zeros_like(errors[0])
+    estimates = torch.empty_like(errors)
+    last = torch.zeros_like(errors[0])
     for step in reversed(range(len(errors))):
         last = errors[step] + discount * gae_lambda * goes_on[step] * last
         estimates[step] = last
@@ -192,7 +229,7 @@ class Agent:
       optimizer: with a parameter group of each network, that of the policy first.
     """
 
-    def __init__(self, observation_size: int, action_space: spaces.Box, config: Hyperparameters) -> None:
+    def __init__(self, observation_size: int, action_space: spaces.Box, config: PPOHyperparameters) -> None:
         """Builds networks, scalers and optimiser for flat observations and the actions of one environment."""
         if action_space.shape != (len(config.action_scale),):
             raise ValueError(f"action_scale must have {action_space.shape[0]} numbers, got {config.action_scale}")
@@ -232,7 +269,8 @@ class Agent:
         """
         self.optimizer.param_groups[1]["lr"] = self._config.value_learning_rate
         self.policy.requires_grad_(not values_only)
-        samples, passes = self.samples(batch), []
+        samples = self.samples(batch)
+        passes = []
         for _ in range(self._config.learning_epochs):
             order = torch.randperm(len(samples.actions))
             size = len(order) // self._config.mini_batches
@@ -272,14 +310,16 @@ class Agent:
 
     def _bootstrapped(self, batch: Batch) -> torch.Tensor:
         """Returns the rewards `(t, n)`; with the discounted value of the last observation where a step truncated."""
-        last, rewards = batch.last_observations[batch.truncated], batch.rewards.clone()
+        last = batch.last_observations[batch.truncated]
+        rewards = batch.rewards.clone()
         following = self.value_scaler.inverse(self.value(self.observation_scaler(last))).squeeze(-1)
         rewards[batch.truncated] += self._config.discount * following
         return rewards
 
     def _step(self, samples: Samples) -> torch.Tensor:
         """Makes a step of the optimiser; returns the `_STEP_METRICS`."""
-        config, values = self._config, samples.values
+        config = self._config
+        values = samples.values
         change = self.policy.log_densities(samples.observations, samples.actions) - samples.log_densities
         ratio = change.exp()
         clipped = ratio.clamp(1 - config.ratio_clip, 1 + config.ratio_clip)
@@ -301,7 +341,8 @@ class Agent:
 
     def _adapt(self, divergence: float) -> None:
         """Adapts the learning rates to the divergence of a pass over the batch."""
-        target, (least, greatest) = self._config.kl_target, _LEARNING_RATES
+        target = self._config.kl_target
+        least, greatest = _LEARNING_RATES
         for group in self.optimizer.param_groups:
             if divergence > _TOLERANCE * target:
                 group["lr"] = max(group["lr"] / _RATE_FACTOR, least)
@@ -319,9 +360,12 @@ class Actor:
 
     def __init__(self, agent: Agent, correlation: float, seed: int) -> None:
         """Copies the policy; correlation, in [0, 1), and seed are of the noise."""
-        self._agent, self._correlation = agent, correlation
-        self._policy, self._scaler = copy.deepcopy(agent.policy), copy.deepcopy(agent.observation_scaler)
-        self._generator, self._noise = torch.Generator().manual_seed(seed), torch.empty(0)
+        self._agent = agent
+        self._correlation = correlation
+        self._policy = copy.deepcopy(agent.policy)
+        self._scaler = copy.deepcopy(agent.observation_scaler)
+        self._generator = torch.Generator().manual_seed(seed)
+        self._noise = torch.empty(0)
 
     def refresh(self) -> None:
         """Copies the policy as it is now."""
@@ -342,17 +386,10 @@ class Actor:
 
 def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
     """Returns the agent's present policy, with averaged weights and without exploration, as numpy arrays."""
-    scaler, policy = agent.observation_scaler, cast(GaussianPolicy, agent.average.module)
-    layers = _linear_layers(policy)
-    return TrainedPolicy(
-        mean=_array(scaler.running_mean),
-        deviation=_array(scaler.deviation),
-        clip=CLIP,
-        weights=tuple(_array(layer.weight) for layer in layers),
-        biases=tuple(_array(layer.bias) for layer in layers),
-        action_scale=_array(policy.scale),
-        metadata=metadata,
-    )
+    scaler = agent.observation_scaler
+    policy = cast(GaussianPolicy, agent.average.module)
+    scales = {"mean": scaler.running_mean, "deviation": scaler.deviation, "action_scale": policy.scale}
+    return perceptron(policy.network, clip=CLIP, metadata=metadata, **scales)
 
 
 @torch.no_grad()
@@ -363,10 +400,11 @@ def adopt_policy(agent: Agent, policy: TrainedPolicy) -> None:
         raise ValueError(f"the policy has layers {policy.layers}, but task and hyperparameters make {own.layers}")
     if not np.array_equal(policy.action_scale, own.action_scale):
         raise ValueError(f"the policy has the action_scale {policy.action_scale}, not {own.action_scale}")
-    scaler, least = agent.observation_scaler, policy.deviation.min()
+    scaler = agent.observation_scaler
+    least = policy.deviation.min()
     if least < np.float32(scaler.epsilon):
         raise ValueError(f"standardisation_epsilon must be at most {least}, the policy's least, got {scaler.epsilon}")
-    for layer, weight, bias in zip(_linear_layers(agent.policy), policy.weights, policy.biases, strict=True):
+    for layer, weight, bias in zip(linear_layers(agent.policy.network), policy.weights, policy.biases, strict=True):
         layer.weight.copy_(torch.as_tensor(weight))
         layer.bias.copy_(torch.as_tensor(bias))
     agent.restart_average()
@@ -375,10 +413,365 @@ def adopt_policy(agent: Agent, policy: TrainedPolicy) -> None:
     scaler.freeze()
 
 
-def _linear_layers(policy: GaussianPolicy) -> list[torch.nn.Linear]:
-    return [layer for layer in policy.network if isinstance(layer, torch.nn.Linear)]
+class TaskBalance:
+    """Sets the weights with which tasks are drawn: 1.05 minus their recent success, `success` `(n,)` in their order."""
+
+    def __init__(self, requests: Requests) -> None:
+        """Starts without success of the tasks that the requests of the task that starts the episodes draw from."""
+        self._requests = requests
+        self._names = requests.drawn_tasks
+        self.success = np.zeros(len(self._names))
+
+    @classmethod
+    def of(cls, task: SuiteTask) -> Self | None:
+        """Returns the balance of a task; None if it does not draw tasks."""
+        return cls(task.requests) if task.requests.drawn_tasks else None
+
+    def add(self, infos: Mapping[str, Any], ended: NDArray[np.bool_]) -> dict[str, NDArray]:
+        """Adds the `ended` ones `(n,)` of episodes, given last infos; returns successes of requested tasks by curve."""
+        requested = infos["requested_tasks_mask"]
+        completed = infos["episode_task_completions_mask"]
+        # A task that is requested in turn counts only if it was attempted.
+        requested = infos.get("attempted_tasks_mask", requested)
+        for i in np.flatnonzero(ended).tolist():
+            self.success += np.where(requested[i], completed[i] - self.success, 0.0) / _MEMORY
+        self._set_weights()
+        each = {name: completed[ended & requested[:, column], column] for column, name in enumerate(self._names)}
+        return {f"episode/success/{name}": done.astype(np.float64) for name, done in each.items() if done.size}
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        return {"success": torch.as_tensor(self.success)}
+
+    def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Restores the success of an interrupted run, and with it the weights."""
+        self.success[:] = state["success"].numpy()
+        self._set_weights()
+
+    def _set_weights(self) -> None:
+        self._requests.weights = 1.0 + _LEAST_WEIGHT - self.success
 
 
-def _array(tensor: torch.Tensor) -> np.ndarray:
-    # A copy: the tensor goes on changing in training.
-    return np.array(tensor.detach().numpy(), np.float32)
+def clone(agent: Agent, observations: NDArray, actions: NDArray, epochs: int, report: Callable[[float], None]) -> None:
+    """Fits the mean of a new agent's policy to observations `(m, n)` and actions `(m, k)`, by least squares.
+
+    The demonstrations also fix the standardisation of observations. After each pass over them, `report` is called with
+    its mean loss, in squared units of the action scale.
+    """
+    policy = agent.policy
+    scaler = agent.observation_scaler
+    inputs = torch.as_tensor(observations)
+    scaler.update(inputs)
+    # Every PPO update adds to the statistics, which would change what the cloned policy sees.
+    scaler.freeze()
+    inputs = scaler(inputs)
+    targets = (torch.as_tensor(actions) / policy.scale).clamp(-_ACTION_LIMIT, _ACTION_LIMIT)
+    optimizer = torch.optim.AdamW(
+        policy.network.parameters(), lr=_CLONE_LEARNING_RATE, weight_decay=_CLONE_WEIGHT_DECAY
+    )
+    num_batches = -(-len(targets) // _CLONE_BATCH_SIZE)
+    scheduler = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * num_batches)
+    for _ in range(epochs):
+        losses = []
+        for batch in torch.randperm(len(targets)).split(_CLONE_BATCH_SIZE):
+            loss = torch.nn.functional.mse_loss(policy.network(inputs[batch]), targets[batch])
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            scheduler.step()
+            losses.append(loss.item())
+        report(float(np.mean(losses)))
+    agent.restart_average()
+
+
+def _step_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
+    """Returns the reward terms `(n,)` of a step, not of the reset after it; none if the task's reward has no terms."""
+    ended = infos.get("_final_info", False)
+    final_info = infos.get("final_info", infos)
+    terms = [name for name in infos if name.startswith("reward/")]
+    return {f"step/{name}": np.where(ended, final_info[name], infos[name]) for name in terms}
+
+
+def network_controller(policy: TrainedPolicy, environments: SuiteVectorEnv) -> Controller:
+    """Returns a controller that acts by a policy of PPO in all environments at once."""
+    flatten = environments.composer_task.policy_inputs.flatten
+    return NetworkController(lambda observations: policy(flatten(observations)))
+
+
+class PPOLearner(Learner):
+    """A PPO agent, the environments that it learns from, and the batch of control steps that is learned from next.
+
+    While the agent learns from a batch, the next one is collected with the policy as it was before that update.
+    """
+
+    _actor: Actor  # From `start` on, as the last observations.
+    _observations: torch.Tensor
+
+    def __init__(self, environments: SuiteVectorEnv, config: PPOHyperparameters, seed: int) -> None:
+        """Builds the agent of `num_envs` environments of autoreset mode `SameStep`; the seed is also of exploration."""
+        torch.manual_seed(seed)
+        self._environments = environments
+        self.config = config
+        action_space = environments.single_action_space
+        assert isinstance(action_space, spaces.Box)
+        size = spaces.flatdim(environments.single_observation_space)
+        self.agent = Agent(size, action_space, config)
+        sizes = config.rollouts, config.num_envs, size, len(config.action_scale)
+        self.batch = Batch(*sizes)
+        self._next_batch = Batch(*sizes)
+        # Metrics of the batch that is learned from next; None before the first one.
+        self._collected: dict[str, float] | None = None
+        self._updates = concurrent.futures.ThreadPoolExecutor(1)
+        self._task: SuiteTask = environments.composer_task
+        self._balance = TaskBalance.of(self._task)
+        # Whether the standardisation of observations has been fitted.
+        self._standardised = False
+
+    @property
+    def modules(self) -> Mapping[str, Any]:
+        return self.agent.modules | ({"balance": self._balance} if self._balance else {})
+
+    def imitate(self, observations: NDArray, actions: NDArray, report: Callable[[float], None]) -> None:
+        """Clones demonstrations, as `clone`; the next `value_batches` batches then train the value network alone."""
+        clone(self.agent, observations, actions, self.config.clone_epochs, report)
+        self._standardised = True
+        self.warmup_batches = self.config.value_batches
+
+    def adopt(self, policy: TrainedPolicy) -> None:
+        """Starts from a trained policy; the next `value_batches` batches train the value network alone."""
+        adopt_policy(self.agent, policy)
+        self._standardised = True
+        self.warmup_batches = self.config.value_batches
+
+    def start(self, seed: int) -> None:
+        """Starts episodes at evenly spread times, so that a batch has steps from all parts of an episode.
+
+        Environments have seeds from `seed` on. Observations made meanwhile fit the standardisation, unless it is set.
+        """
+        self._collected = None
+        self._actor = Actor(self.agent, self.config.noise_correlation, seed)
+        environments = self._environments
+        count = environments.num_envs
+        # Rewards may depend on the steps made before an interruption.
+        environments.reset_statistics(total_steps=self.steps // count)
+        observations, _ = environments.reset(seed=seed)
+        self._observations = self._tensor(observations)
+        length = environments.template_env.max_episode_steps
+        assert length, "the spec has the domain's where none is asked for"
+        start_steps = np.random.default_rng(seed).permutation(count) * length // count
+        for step in range(length):
+            observations, *_ = environments.step(self._applied(self._actor.explore(self._observations)))
+            if (starting := start_steps == step).any():
+                observations, _ = environments.reset(options={"reset_mask": starting})
+            self._observations = self._tensor(observations)
+            if not self._standardised:
+                self.agent.observation_scaler.update(self._observations)
+        self._standardised = True
+
+    def export(self, metadata: Mapping[str, Any]) -> TrainedPolicy:
+        return export_policy(self.agent, metadata)
+
+    def controller(self, policy: TrainedPolicy, environments: SuiteVectorEnv) -> Controller:
+        return network_controller(policy, environments)
+
+    def load_state(self, checkpoint: Checkpoint) -> None:
+        super().load_state(checkpoint)
+        self._standardised = True
+
+    def learn(self) -> dict[str, float]:
+        """Updates the networks with a batch and collects the next one at the same time.
+
+        The first `value_batches` batches after cloning, or from a trained policy, train the value network alone (value
+        warm-up): an untrained one would spoil the policy. Returns means by name: of the metrics of steps, of episodes
+        that ended, and of the agent's own. A DivergedError means too high a learning rate, or too large rewards.
+        """
+        self._actor.refresh()
+        if self._collected is None:
+            self._collected = self._collect(self.batch)
+        update = self._updates.submit(self._update)
+        following = self._collect(self._next_batch)
+        means = self._collected | update.result()
+        self._collected, self.batch, self._next_batch = following, self._next_batch, self.batch
+        self.warmup_batches = max(self.warmup_batches - 1, 0)
+        self.steps += self.config.batch_size
+        self.check_finite(self.agent.networks)
+        return means
+
+    def _update(self) -> dict[str, float]:
+        """Learns from the batch; returns the agent's metrics by name."""
+        started = time.perf_counter()
+        metrics = self.agent.update(self.batch, values_only=self.warmup_batches > 0)
+        return metrics | {"time/update_milliseconds": 1000 * (time.perf_counter() - started)}
+
+    def _collect(self, batch: Batch) -> dict[str, float]:
+        """Makes the control steps of a batch; returns the means of the metrics of steps and ended episodes, by name."""
+        collected: dict[str, list[NDArray]] = collections.defaultdict(list)
+        for step in range(self.config.rollouts):
+            for name, values in self._step(batch, step).items():
+                collected[name].append(values)
+        batch.next_observations.copy_(self._observations)
+        return {name: float(np.concatenate(parts).mean()) for name, parts in collected.items()}
+
+    def _step(self, batch: Batch, step: int) -> dict[str, NDArray]:
+        """Makes a control step in all environments and adds it to a batch; returns its metrics."""
+        batch.observations[step] = self._observations
+        batch.actions[step] = self._actor.explore(self._observations)
+        applied = self._applied(batch.actions[step])
+        observations, rewards, terminations, truncations, infos = self._environments.step(applied)
+        batch.rewards[step] = torch.as_tensor(rewards * self.config.reward_scale)
+        ended = terminations | truncations
+        batch.ended[step] = torch.as_tensor(ended)
+        batch.truncated[step] = torch.as_tensor(truncations & ~terminations)
+        self._observations = self._tensor(observations)
+        metrics = {"step/reward": rewards, **_step_metrics(infos)}
+        if ended.any():
+            for i in np.flatnonzero(truncations & ~terminations).tolist():
+                batch.last_observations[step, i] = self._tensor(infos["final_obs"][i])
+            of_episodes = episode_metrics(self._task, infos["final_info"])
+            metrics |= {name: values[ended] for name, values in of_episodes.items()}
+            metrics |= self._balance.add(infos["final_info"], ended) if self._balance else {}
+        return metrics
+
+    def _tensor(self, observations: Any) -> torch.Tensor:
+        return torch.as_tensor(self._task.policy_inputs.flatten(observations), dtype=torch.float32)
+
+    def _applied(self, actions: torch.Tensor) -> NDArray[np.float32]:
+        """Returns the actions `(n, k)` of the environments for those of the policy."""
+        return (actions * self.agent.policy.scale).numpy()
+
+
+def train(
+    learner: PPOLearner,
+    run: SeedRun,
+    demonstrations: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None,
+) -> None:
+    """Trains a learner until its run has a reason to stop; a new one clones demonstrations first, if there are any."""
+    if run.resumed and run.stop_reason:
+        return
+    if demonstrations and not run.resumed:
+        with tqdm(total=learner.config.clone_epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
+
+            def report(loss: float) -> None:
+                bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
+                bar.update()
+
+            learner.imitate(*demonstrations, report)
+    with run:
+        if not run.stop_reason:
+            learner.start(run.episode_seed)
+        run.begin()
+        while not run.stop_reason:
+            run.record(learner.learn())
+
+
+class PPOTraining:
+    """The environments, hyperparameters and data of a run by PPO, of which each seed makes a learner.
+
+    Attributes:
+      title: name of the algorithm.
+      steps: name of the steps that it counts.
+      config: hyperparameters.
+      training_kwargs: arguments of the environments that are trained in alone.
+      max_episode_steps: of evaluations.
+      environments: that are trained in.
+      demonstrations: observations `(m, n)` and actions `(m, k)` that are cloned first; None for none.
+      data: arrays that are learned or started from.
+    """
+
+    title = "PPO"
+    steps = "control steps"
+
+    def __init__(
+        self,
+        spec: EnvironmentSpec,
+        *,
+        hyperparameters: Mapping[str, Any] = MappingProxyType({}),
+        training_kwargs: Mapping[str, Any] = MappingProxyType({}),
+        demonstrations: Sequence[Path] = (),
+        initial_policy: Path | None = None,
+        num_threads: int | None = None,
+    ) -> None:
+        """Makes the environments, and reads what is learned from.
+
+        Args:
+          spec: of the environments that policies are evaluated in.
+          hyperparameters: changes to the domain's, by name.
+          training_kwargs: arguments of the environments that are trained in; they replace the domain's.
+          demonstrations: folders of recordings that are cloned before the first step.
+          initial_policy: file of a policy to start from.
+          num_threads: that step the environments; one for each processor by default.
+        """
+        check_observed(spec, "ppo")
+        if initial_policy and demonstrations:
+            raise ValueError("an initial policy and demonstrations both give a policy to start from: give one of them")
+        self.training_kwargs = _training_kwargs(spec, training_kwargs, clones=bool(demonstrations))
+        config = PPOHyperparameters.for_domain(spec.domain_name, hyperparameters, cloning=bool(demonstrations))
+        arguments = {**spec.task_kwargs, **self.training_kwargs}
+        if (steps := arguments.pop("max_episode_steps", None)) is not None:
+            checks.integer(steps, "max_episode_steps", minimum=1)
+        training = EnvironmentSpec.make(spec.domain_name, spec.task_name, arguments, steps)
+        training.make_environment().close()
+        self.max_episode_steps = training.max_episode_steps
+        options = {"autoreset_mode": AutoresetMode.SAME_STEP, **spec.env_class.flat_options}
+        self.environments = training.make_vector_env(config.num_envs, num_threads, **options)
+        task = self.environments.composer_task
+        self.config = config.for_actions(task.mdp.action_mode.spec(task.robot))
+        self._initial_policy = _load_initial_policy(initial_policy, spec) if initial_policy else None
+        self.demonstrations = self._load_demonstrations(demonstrations, spec) if demonstrations else None
+        given = self._initial_policy.arrays.values() if self._initial_policy else ()
+        self.data: tuple[NDArray, ...] = (*(self.demonstrations or ()), *given)
+
+    def make_learner(self, seed: int) -> PPOLearner:
+        """Returns a new learner."""
+        learner = PPOLearner(self.environments, self.config, seed)
+        if self._initial_policy:
+            learner.adopt(self._initial_policy)
+        return learner
+
+    def train(self, run: Run, seed: int) -> SeedRun:
+        """Trains with a seed of a run, or continues; returns the run of the seed."""
+        learner = self.make_learner(seed)
+        seed_run = run.of_seed(seed, learner)
+        train(learner, seed_run, self.demonstrations)
+        return seed_run
+
+    def close(self) -> None:
+        """Closes the environments."""
+        self.environments.close()
+
+    def _load_demonstrations(self, folders: Sequence[Path], spec: EnvironmentSpec) -> tuple[NDArray, NDArray]:
+        """Returns the observations and actions to clone; raises as `load_to_clone`."""
+        size = spaces.flatdim(self.environments.single_observation_space)
+        expected = (size,), self.environments.single_action_space.shape
+        loaded = [load_to_clone(folder, spec) for folder in folders]
+        for folder, arrays in zip(folders, loaded, strict=True):
+            if (found := tuple(each.shape[1:] for each in arrays)) != expected:
+                problem = f"observations and actions of shapes {found}, but this task has {expected}"
+                raise ValueError(f"{folder} holds {problem}")
+        observations, actions = map(np.concatenate, zip(*loaded, strict=True))
+        return observations, actions
+
+
+def _training_kwargs(spec: EnvironmentSpec, changes: Mapping[str, Any], *, clones: bool) -> dict[str, Any]:
+    """Returns the arguments of the environments that are trained in, which replace those of the task.
+
+    The domain's are left out where the task's arguments have them, and where demonstrations are cloned.
+    """
+    own = {} if clones else find_recipe(spec.domain_name).options
+    given = {*spec.task_kwargs, *suite.task_arguments(spec.domain_name, spec.task_name)}
+    defaults = {option: value for option, value in own.items() if option not in given}
+    arguments: dict[str, Any] = json.loads(json.dumps({**defaults, **changes}))
+    options = (*spec.env_class.goal_options, *suite.find_domain(spec.domain_name).control_options)
+    if shared := sorted({*OBSERVATION_OPTIONS, *options} & arguments.keys()):
+        raise ValueError(f"training_kwargs cannot change {shared}, on which the policy depends: change the task_kwargs")
+    return arguments
+
+
+def _load_initial_policy(path: Path, spec: EnvironmentSpec) -> TrainedPolicy:
+    """Returns the policy to start from; raises as `TrainedPolicy.load`, and as `check_same`."""
+    policy = TrainedPolicy.load(path)
+    domain, task, arguments = (policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs"))
+    if domain != spec.domain_name:
+        raise ValueError(f"{path} is a policy of the domain {domain}, not of {spec.domain_name}")
+    trained = EnvironmentSpec.make(domain, task, arguments)
+    check_same(path, trained, spec, (*OBSERVATION_OPTIONS, *suite.find_domain(domain).control_options))
+    return policy

@@ -8,7 +8,7 @@ from typing import Any
 from kitchen_suite import files
 
 RUN_FILE = "training.json"
-_RUN = files.DescribedFolder(RUN_FILE, "a training run", "seed_*", "name another folder, or use --resume")
+_RUN = files.DescribedFolder(RUN_FILE, "a training run", "seed_*", "name another folder, or resume it")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -18,11 +18,11 @@ class RunDescription:
     Attributes:
       domain_name: a key of `suite.DOMAINS`.
       task_name: one of the domain's tasks.
-      task_kwargs: further arguments of the Gymnasium environment, which JSON can hold.
-      training_kwargs: further arguments of the environments trained in, among them `max_episode_steps`.
+      task_kwargs: additional arguments of the Gymnasium environment, which JSON can hold.
+      training_kwargs: additional arguments of the environments trained in, among them `max_episode_steps`.
       hyperparameters: all of them, by name.
       seed: of the first learner.
-      algorithm: one of `settings.ALGORITHMS`.
+      algorithm: `ppo` or `bc`.
       data_sha256: of what is learned or started from; None in descriptions of an earlier version.
     """
 
@@ -34,6 +34,12 @@ class RunDescription:
     seed: int
     algorithm: str = "ppo"
     data_sha256: str | None = None
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """The metadata of the run's policies on their training."""
+        names = ("domain_name", "task_name", "task_kwargs", "training_kwargs", "hyperparameters")
+        return {name: getattr(self, name) for name in names}
 
     def create(self, folder: Path) -> None:
         """Writes it to the folder of a new run, as `DescribedFolder.create`."""
@@ -49,7 +55,7 @@ class RunDescription:
         found = files.parse(_RUN.load(folder), RunDescription, str(folder / RUN_FILE))
         _RUN.resume(folder, found.entries(), self.entries())
         if found.data_sha256 not in (None, self.data_sha256):
-            remedy = "pass the same --demonstrations, --num_demonstrations or --initial_policy, or name another folder"
+            remedy = "pass the same demonstrations and their number, or the same initial policy, or name another folder"
             raise ValueError(f"{folder} holds a training run on other data: {remedy}")
         for subfolder in folder.glob("seed_*"):
             files.remove_stale_partials(subfolder)

@@ -177,13 +177,10 @@ class KitchenTask(SuiteTask):
     def make_policy_inputs(self, state_size: int) -> PolicyInputs:
         mdp = self.mdp
         goal_size = 2 * mdp.goals.desired.size + mdp.initial_qpos.size * mdp.goal_states
-        objects = range(mdp.noise_scale.size)[mdp.sensors.slices.object_positions]
         return PolicyInputs(
             names=_policy_names(mdp, self.reward_name, sees=bool(self.pictures.by_name)),
             state_size=state_size,
             goal_size=goal_size,
-            goal_elements=tuple(objects),
-            goal_place=state_size + goal_size - len(objects) if mdp.goal_states else None,
             tasks=mdp.goals.tasks,
             observes_requests=mdp.ordering.draw is not None,
             keys=("achieved_goal", "desired_goal", GOAL_STATES, REQUESTED),

@@ -22,9 +22,9 @@ def learner(envs, seed=0, domain="open_cabinet", **changes):
     """Returns a new learner in the environments."""
     import torch
 
-    from kitchen_suite.training.hyperparameters import Hyperparameters
-    from kitchen_suite.training.reinforcement import PPOLearner
+    from kitchen_suite.training.ppo import PPOLearner
+    from kitchen_suite.training.recipes import PPOHyperparameters
 
     # As in a training run.
     torch.set_num_threads(1)
-    return PPOLearner(envs, Hyperparameters.for_domain(domain, {**SMALL, **changes}), seed)
+    return PPOLearner(envs, PPOHyperparameters.for_domain(domain, {**SMALL, **changes}), seed)

@@ -15,9 +15,9 @@ from helpers.errors import refused
 
 import kitchen_suite
 from kitchen_suite import files, policies, suite
-from kitchen_suite.commands.commands import record
+from kitchen_suite.commands import record
 from kitchen_suite.episodes.episode import unflatten
-from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.policies import stored
 from kitchen_suite.policies import trained as trained_policy
@@ -324,7 +324,7 @@ def test_a_policy_can_be_recorded(domain, tmp_path):
     arguments += ["--num_episodes=2", "--max_episode_steps=5", f"--output={tmp_path / 'episodes'}"]
     assert record.main(arguments) == 0
     for index in range(2):
-        arrays = RecordingFolder.open(tmp_path / "episodes").load(index).arrays
+        arrays = Recording.open(tmp_path / "episodes").load(index).arrays
         seen = flatten(unflatten(arrays, "observation"))[:-1]
         # Several observations are summed up in another order than one.
         np.testing.assert_allclose(policy(seen), arrays["action"], rtol=1e-4, atol=1e-6)

@@ -1,4 +1,4 @@
-"""Imitation: learning from demonstrations in chunks of actions."""
+"""Behaviour cloning: learning from demonstrations in chunks of actions."""
 
 import json
 import re
@@ -11,14 +11,12 @@ from helpers.errors import refused
 from helpers.human_files import write_d4rl
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import convert, evaluate, play, record, rollout, train
+from kitchen_suite.commands import convert, evaluate, play, record, rollout, train
 from kitchen_suite.policies import load_policy
 
 pytestmark = pytest.mark.clients
 
-ALGORITHMS = ("bc", "flow", "vqbet")
 SMALL = {"width": 32, "blocks": 1, "chunk": 4, "batch_size": 64}
-QUICK = {"bc": {}, "flow": {"flow_steps": 5}, "vqbet": {"quantizer_steps": 100, "codes": 8, "latent": 8}}
 INPUTS, ACTION = 5, 2
 
 
@@ -50,68 +48,60 @@ def drawn(values):
     return pictures
 
 
-def learner(algorithm, num_steps=300, seed=0, cameras=(), **changes):
+def learner(num_steps=300, seed=0, cameras=(), **changes):
     import torch
 
-    from kitchen_suite.training.hyperparameters import checked_changes
-    from kitchen_suite.training.imitation import METHODS
-    from kitchen_suite.training.recorded import ImitationLearner
+    from kitchen_suite.training.bc import BCLearner
+    from kitchen_suite.training.recipes import BCHyperparameters
 
     torch.set_num_threads(1)
-    method = METHODS[algorithm]
-    config = checked_changes(method.hyperparameters(), {**SMALL, **QUICK[algorithm], **changes})
-    shown = demonstrations(cameras=cameras)
-    return ImitationLearner(shown, method, config, num_steps=num_steps, seed=seed)
+    config = BCHyperparameters.changed({**SMALL, **changes})
+    return BCLearner(demonstrations(cameras=cameras), config, num_steps=num_steps, seed=seed)
 
 
 def errors(policy):
     """Returns the mean absolute error of the first predicted actions."""
-    shown, generator = demonstrations(), np.random.default_rng(0)
-    predicted = np.array([policy.predict(inputs, generator)[0] for inputs in shown.inputs[::7]])
+    shown = demonstrations()
+    predicted = np.array([policy.predict(inputs)[0] for inputs in shown.inputs[::7]])
     return np.abs(predicted - shown.actions[::7]).mean()
 
 
 METADATA = {"domain_name": "kitchen", "task_name": "all", "task_kwargs": {}}
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_learning_lowers_the_error_of_the_exported_policy(algorithm):
-    taught = learner(algorithm, num_steps=600, averaging=0.9)
+def test_learning_lowers_the_error_of_the_exported_policy():
+    taught = learner(num_steps=600, averaging=0.9)
     before = errors(taught.export(METADATA))
     while taught.steps < 600:
         assert np.isfinite([*taught.learn().values()]).all()
     assert errors(taught.export(METADATA)) < 0.5 * before
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_an_exported_network_is_that_of_the_learner(algorithm):
+def test_an_exported_network_is_that_of_the_learner():
     import torch
 
-    taught = learner(algorithm)
+    taught = learner()
     taught.learn()
-    policy, averaged = taught.export(METADATA), taught.averaged
-    for name, network in policy.networks.items():
-        values = np.random.default_rng(0).standard_normal((6, network.inputs), np.float32)
-        with torch.no_grad():
-            expected = getattr(averaged, name)(torch.as_tensor(values)).numpy()
-        np.testing.assert_allclose(network(values), expected, rtol=1e-4, atol=1e-5)
+    network = taught.export(METADATA).network
+    values = np.random.default_rng(0).standard_normal((6, network.inputs), np.float32)
+    with torch.no_grad():
+        expected = taught.averaged.network(torch.as_tensor(values)).numpy()
+    np.testing.assert_allclose(network(values), expected, rtol=1e-4, atol=1e-5)
 
 
 CAMERAS = ("workspace", "franka/hand")
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_policies_learn_from_pictures_alone(algorithm):
-    taught = learner(algorithm, num_steps=800, cameras=CAMERAS, averaging=0.9, features=16, shift=1, tint=0.1)
+def test_policies_learn_from_pictures_alone():
+    taught = learner(num_steps=800, cameras=CAMERAS, averaging=0.9, features=16, shift=1, tint=0.1)
     while taught.steps < 800:
         taught.learn()
     policy, shown = taught.export(METADATA), demonstrations(cameras=CAMERAS)
     assert policy.metadata["cameras"] == [*CAMERAS]
     assert policy.metadata["image_size"] == [HEIGHT, SIDE]
-    generator = np.random.default_rng(0)
     predicted = np.array(
         [
-            policy.predict(shown.inputs[i], generator, [each[i] for each in shown.pictures.values()])[0]
+            policy.predict(shown.inputs[i], [each[i] for each in shown.pictures.values()])[0]
             for i in range(0, len(shown.inputs), 7)
         ]
     )
@@ -124,7 +114,7 @@ def test_policies_learn_from_pictures_alone(algorithm):
 def test_an_exported_encoder_is_that_of_the_learner():
     import torch
 
-    taught = learner("bc", cameras=CAMERAS, features=16)
+    taught = learner(cameras=CAMERAS, features=16)
     taught.learn()
     for encoder, exported in zip(taught.averaged.encoders, taught.export(METADATA).encoders, strict=True):
         pictures = np.random.default_rng(0).integers(0, 256, (3, HEIGHT, SIDE, 3), np.uint8)
@@ -136,18 +126,18 @@ def test_an_exported_encoder_is_that_of_the_learner():
 def test_pictures_are_displaced_and_tinted_within_limits():
     import torch
 
-    from kitchen_suite.training.hyperparameters import ImitationHyperparameters
-    from kitchen_suite.training.imitation import augmented
+    from kitchen_suite.training.bc import augmented
+    from kitchen_suite.training.recipes import BCHyperparameters
 
     torch.manual_seed(0)
     pictures = torch.zeros((200, 9, 11, 3), dtype=torch.uint8)
     pictures[:, 4, 5] = 200
-    moved = augmented(pictures, ImitationHyperparameters(shift=2, tint=0.0))
+    moved = augmented(pictures, BCHyperparameters(shift=2, tint=0.0))
     _, rows, columns = np.nonzero(moved[..., 0].numpy())
     assert {*rows.tolist()} == {2, 3, 4, 5, 6}
     assert {*columns.tolist()} == {3, 4, 5, 6, 7}
     assert set(moved.unique().tolist()) == {0.0, np.float32(200 / 255).item()}
-    tinted = augmented(pictures + 100, ImitationHyperparameters(shift=1, tint=0.1))
+    tinted = augmented(pictures + 100, BCHyperparameters(shift=1, tint=0.1))
     change = tinted[:, 0, 0] - np.float32(100 / 255)
     # Of contrast 0.1 of the distance from the middle, and of brightness half of 0.1.
     assert change.abs().max() < 0.1 * abs(100 / 255 - 0.5) + 0.05
@@ -155,14 +145,13 @@ def test_pictures_are_displaced_and_tinted_within_limits():
     assert (change[:, 0] - change[:, 1]).abs().max() > 0.01
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_a_seed_determines_what_is_learned_and_a_state_continues_it(algorithm):
-    one, other = (_taught(algorithm) for _ in range(2))
+def test_a_seed_determines_what_is_learned_and_a_state_continues_it():
+    one, other = (_taught() for _ in range(2))
     from kitchen_suite.training.checkpoints import Checkpoint
 
     progress = {"seconds": 0.0, "processor_seconds": 0.0, "best": (0.0, 0.0), "progress": 0.0, "successes": []}
     checkpoint = Checkpoint(**other.state(), **progress)
-    resumed = learner(algorithm, num_steps=200, seed=5)
+    resumed = learner(num_steps=200, seed=5)
     resumed.check_fits(checkpoint)
     resumed.load_state(checkpoint)
     expected = _continued(one, checkpoint.random).arrays
@@ -170,8 +159,8 @@ def test_a_seed_determines_what_is_learned_and_a_state_continues_it(algorithm):
         np.testing.assert_array_equal(array, expected[name])
 
 
-def _taught(algorithm):
-    taught = learner(algorithm, num_steps=200)
+def _taught():
+    taught = learner(num_steps=200)
     taught.learn()
     return taught
 
@@ -189,9 +178,9 @@ def test_checkpoints_of_other_networks_are_refused():
     from kitchen_suite.training.checkpoints import Checkpoint
 
     progress = {"seconds": 0.0, "processor_seconds": 0.0, "best": (0.0, 0.0), "progress": 0.0, "successes": []}
-    checkpoint = Checkpoint(**learner("bc").state(), **progress)
-    with pytest.raises(ValueError, match="method"):
-        learner("bc", width=16).check_fits(checkpoint)
+    checkpoint = Checkpoint(**learner().state(), **progress)
+    with pytest.raises(ValueError, match="policy"):
+        learner(width=16).check_fits(checkpoint)
 
 
 def test_chunks_end_with_the_episode():
@@ -242,28 +231,25 @@ def test_demonstrations_of_other_tasks_are_refused_and_of_some_tasks_warned_of(i
         assert imitate("--algorithm=bc", task_kwargs=more)[0] == 0
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_a_run_trains_a_policy_that_observes_what_is_asked(imitate, tmp_path, algorithm):
-    hyperparameters = f"--hyperparameters={json.dumps({**SMALL, **QUICK[algorithm]})}"
-    flags = f"--algorithm={algorithm}", hyperparameters, "--num_steps=120", "--eval_interval=120"
+def test_a_run_trains_a_policy_that_observes_what_is_asked(imitate, tmp_path):
+    flags = "--algorithm=bc", "--num_steps=120", "--eval_interval=120"
     assert imitate(*flags)[0] == 0
     policy = load_policy(tmp_path / "run" / "policy.npz")
     assert policy.given.tasks == ["kettle", "microwave", "light switch"]
-    assert policy.metadata["algorithm"] == algorithm
-    assert json.loads((tmp_path / "run" / "training.json").read_text())["algorithm"] == algorithm
+    assert policy.metadata["algorithm"] == "bc"
+    assert json.loads((tmp_path / "run" / "training.json").read_text())["algorithm"] == "bc"
     status, out, _ = imitate(*flags, "--resume")
     assert (status, "all steps were made" in out) == (0, True)
 
 
-@pytest.mark.parametrize("algorithm", ["bc", pytest.param("offline_bc", marks=pytest.mark.thorough)])
-def test_a_run_is_not_resumed_with_other_demonstrations(imitate, tmp_path, algorithm):
+def test_a_run_is_not_resumed_with_other_demonstrations(imitate, tmp_path):
     # The scales of inputs and actions are those of the demonstrations, and the networks were fitted with them.
-    flags, run = (f"--algorithm={algorithm}", "--num_demonstrations=1"), tmp_path / "run"
+    flags, run = ("--algorithm=bc", "--num_demonstrations=1"), tmp_path / "run"
     hyperparameters = '--hyperparameters={"width": 8, "blocks": 1, "batch_size": 8}'
     assert imitate(*flags, hyperparameters)[0] == 0
     status, _, err = imitate(flags[0], hyperparameters, "--num_steps=40", "--resume")
     assert status == 2
-    assert re.fullmatch(r"kitchen-train: [^\n]+on other data[^\n]+--demonstrations[^\n]+\n", err)
+    assert re.fullmatch(r"kitchen-train: [^\n]+on other data[^\n]+demonstrations[^\n]+\n", err)
     description = json.loads((run / "training.json").read_text())
     del description["data_sha256"]
     # Runs of an earlier version have no digest.
@@ -278,18 +264,17 @@ def test_a_run_without_draws_trains_a_policy_that_does_not_observe_what_is_asked
 
 
 BAD = {
-    ("--algorithm=td3",): ["algorithm"],
-    ("--algorithm=bc", "--demonstrations="): ["--demonstrations"],
+    ("--algorithm=flow",): ["algorithm"],
+    ("--algorithm=bc", "--demonstrations="): ["demonstrations"],
     ("--algorithm=bc", "--num_demonstrations=9"): ["9"],
-    ("--algorithm=bc", '--training_kwargs={"sleep": true}'): ["--training_kwargs", "'ppo'"],
-    ("--algorithm=bc", "--initial_policy=policy.npz"): ["--initial_policy", "'ppo'"],
+    ("--algorithm=bc", '--training_kwargs={"sleep": true}'): ["training_kwargs", "'ppo'"],
+    ("--algorithm=bc", "--initial_policy=policy.npz"): ["initial_policy", "'ppo'"],
     ("--algorithm=bc", "--control_mode=joint_position"): ["control_mode"],
     ("--algorithm=bc", '--hyperparameters={"widht": 3}'): ["'width'"],
     ("--algorithm=bc", '--hyperparameters={"flow_steps": 3}'): ["hyperparameter"],
     ("--algorithm=bc", '--hyperparameters={"executed": 9}'): ["executed", "8", "9"],
     ("--algorithm=bc", '--hyperparameters={"batch_size": 10000000000000}'): ["batch_size", "1048576"],
     ("--algorithm=bc", "--num_steps=0"): ["num_steps", "0"],
-    ("--algorithm=vqbet", '--hyperparameters={"quantizer_steps": 20}'): ["num_steps", "quantizer_steps", "20"],
     ("--algorithm=bc", "--domain_name=open_cabinet", "--task_name=top_drawer"): ["kitchen"],
 }
 
@@ -304,27 +289,26 @@ def test_bad_arguments_are_refused_in_one_line(imitate, tmp_path, flags):
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_a_diverged_run_ends_with_one_line(algorithm):
-    from kitchen_suite.training.learner import DivergedError
+def test_a_diverged_run_ends_with_one_line():
+    from kitchen_suite.training.run import DivergedError
 
-    taught = learner(algorithm, num_steps=100, learning_rate=1e30)
+    taught = learner(num_steps=100, learning_rate=1e30)
     with pytest.raises(DivergedError, match=r"^after 100 steps .* is no longer finite: lower the learning rate$"):
         taught.learn()
 
 
 def test_imitation_needs_demonstrations(tmp_path, capsys):
-    assert train.main([f"--output={tmp_path / 'run'}", "--algorithm=flow"]) == 2
-    assert "algorithm 'flow' needs --demonstrations" in capsys.readouterr().err
+    assert train.main([f"--output={tmp_path / 'run'}", "--algorithm=bc"]) == 2
+    assert "algorithm 'bc' needs demonstrations" in capsys.readouterr().err
 
 
 def test_episodes_that_failed_are_left_out(recording):
-    from kitchen_suite.episodes.recording import RecordingFolder
+    from kitchen_suite.episodes.recording import Recording
     from kitchen_suite.training.demonstrations import load_recording
 
     folder, _ = recording
-    opened = RecordingFolder.open(folder)
-    successful = [index for index in opened.indices if opened.load_stats(index).metrics["success"]]
+    opened = Recording.open(folder)
+    successful = [index for index in opened.indices if opened.load_summary(index).metrics["success"]]
     assert 0 < len(successful) < len(opened.indices)
     shown = load_recording(folder, opened.spec, ["kettle"])
     assert len(shown.actions) == sum(len(opened.load(index).arrays["action"]) for index in successful)
@@ -332,15 +316,15 @@ def test_episodes_that_failed_are_left_out(recording):
 
 
 def test_only_interventions_are_learned_from(tmp_path, monkeypatch):
-    from kitchen_suite.episodes.recording import RecordingFolder
+    from kitchen_suite.episodes.recording import Recording
     from kitchen_suite.training.demonstrations import load_recording, load_to_clone
 
     folder = tmp_path / "runs"
     flags = ["--task_name=kettle", "--num_episodes=4", "--num_threads=1", "--policy=takeover(latest=9)"]
     assert record.main([f"--output={folder}", "--variations=start", *flags]) == 0
-    opened = RecordingFolder.open(folder)
+    opened = Recording.open(folder)
     episodes = [opened.load(index).arrays for index in opened.indices]
-    assert all(opened.load_stats(index).metrics["success"] for index in opened.indices)
+    assert all(opened.load_summary(index).metrics["success"] for index in opened.indices)
     taught = [arrays["label/is_intervention"] for arrays in episodes]
     assert any(labels.argmax() > 0 for labels in taught)
     expected = np.concatenate([arrays["action"][labels] for arrays, labels in zip(episodes, taught, strict=True)])
@@ -352,7 +336,7 @@ def test_only_interventions_are_learned_from(tmp_path, monkeypatch):
     for arrays in episodes:
         arrays["label/is_intervention"] = np.zeros(len(arrays["action"]), bool)
     stored = [SimpleNamespace(arrays=arrays) for arrays in episodes]
-    monkeypatch.setattr(RecordingFolder, "load", lambda _, index: stored[index])
+    monkeypatch.setattr(Recording, "load", lambda _, index: stored[index])
     for load in (lambda: load_recording(folder, opened.spec, ["kettle"]), lambda: load_to_clone(folder, opened.spec)):
         with refused(ValueError, "never intervened"):
             load()
@@ -390,25 +374,25 @@ def test_a_policy_names_its_extra_observables_and_the_default_layout(tmp_path, c
 
 
 def test_episodes_that_are_not_finite_are_refused(recording, tmp_path):
-    from kitchen_suite.episodes.recording import RecordingFolder
+    from kitchen_suite.episodes.recording import Recording
     from kitchen_suite.training.demonstrations import load_recording
 
     shutil.copytree(recording[0], tmp_path / "runs")
-    opened = RecordingFolder.open(tmp_path / "runs")
-    index = next(index for index in opened.indices if opened.load_stats(index).metrics["success"])
-    episode, stats = opened.load(index), opened.load_stats(index)
+    opened = Recording.open(tmp_path / "runs")
+    index = next(index for index in opened.indices if opened.load_summary(index).metrics["success"])
+    episode = opened.load(index)
     episode.arrays["action"][0] = np.nan
-    opened.save(episode, stats)
+    opened.append(episode)
     with pytest.raises(ValueError, match=r"runs .* finite"):
         load_recording(tmp_path / "runs", opened.spec, ["kettle"])
 
 
 def test_several_recordings_are_learned_from_together(recording):
-    from kitchen_suite.episodes.recording import RecordingFolder
+    from kitchen_suite.episodes.recording import Recording
     from kitchen_suite.training.demonstrations import load_demonstrations, load_recording
 
     folder, _ = recording
-    spec, tasks = RecordingFolder.open(folder).spec, ["kettle"]
+    spec, tasks = Recording.open(folder).spec, ["kettle"]
     one, two = (load_recording(folder, spec, tasks, count) for count in (1, 2))
     together = load_demonstrations([folder, folder], spec, tasks, [1, 2])
     np.testing.assert_array_equal(together.inputs, np.concatenate([one.inputs, two.inputs]))
@@ -448,8 +432,7 @@ def test_policies_are_trained_on_positions_alone_where_velocities_were_not_recor
         assert evaluate.main([*evaluated, f"--task_name={task}"]) == 0
     # Velocities are no input: others change nothing.
     one, other = (np.where(np.isin(np.arange(66), [*range(9, 18), *range(39, 59)]), value, 0.1) for value in (0.0, 9.0))
-    generator = np.random.default_rng(0)
-    first, second = (policy.predict(policy.select(each), generator) for each in (one, other))
+    first, second = (policy.predict(policy.select(each)) for each in (one, other))
     np.testing.assert_array_equal(first, second)
 
 
@@ -512,8 +495,7 @@ def test_observations_that_no_policy_takes_are_refused(algorithm, obs_type, tmp_
 
 @pytest.mark.parametrize("algorithm", ["ppo", "bc"])
 def test_no_observation_type_is_the_default_one(algorithm):
-    from kitchen_suite.settings import TrainSettings
-    from kitchen_suite.training.reinforcement import make_spec
+    from kitchen_suite.episodes.spec import EnvironmentSpec
+    from kitchen_suite.training.demonstrations import check_observed
 
-    settings = TrainSettings(output=None, domain_name="kitchen", task_name="kettle", algorithm=algorithm)
-    assert make_spec(settings, {"obs_type": None}).task_kwargs["obs_type"] is None
+    check_observed(EnvironmentSpec.make("kitchen", "kettle", {"obs_type": None}), algorithm)

@@ -7,7 +7,7 @@ import pytest
 from helpers.errors import refused
 from helpers.training import METADATA, SMALL, environments, learner
 
-from kitchen_suite.commands.commands import train
+from kitchen_suite.commands import train
 from kitchen_suite.policies.trained import TrainedPolicy
 
 pytestmark = pytest.mark.clients

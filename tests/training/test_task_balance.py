@@ -26,7 +26,7 @@ def infos_of(asked, completed):
 
 
 def test_the_weights_fall_with_the_success_of_a_task(envs):
-    from kitchen_suite.training.reinforcement import TaskBalance
+    from kitchen_suite.training.ppo import TaskBalance
 
     task = envs.composer_task
     balance = TaskBalance.of(task)
@@ -43,7 +43,7 @@ def test_the_weights_fall_with_the_success_of_a_task(envs):
 
 
 def test_tasks_that_were_never_attempted_leave_the_balance_as_it_was(envs):
-    from kitchen_suite.training.reinforcement import TaskBalance
+    from kitchen_suite.training.ppo import TaskBalance
 
     balance = TaskBalance.of(envs.composer_task)
     balance.success[:] = 0.5
@@ -54,7 +54,7 @@ def test_tasks_that_were_never_attempted_leave_the_balance_as_it_was(envs):
 
 
 def test_tasks_that_draw_nothing_have_no_balance():
-    from kitchen_suite.training.reinforcement import TaskBalance
+    from kitchen_suite.training.ppo import TaskBalance
 
     for domain in ("kitchen", "open_cabinet"):
         made = environments(1, domain=domain)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from helpers.training import METADATA, SMALL, environments, learner
 
-from kitchen_suite.commands.commands import play, record, train
-from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.commands import play, record, train
+from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec
+from kitchen_suite.policies import PolicyRef
 
 pytestmark = pytest.mark.clients
 
@@ -74,10 +75,10 @@ def test_demonstrations_that_are_not_finite_are_refused(demonstrations, tmp_path
     from kitchen_suite.training.demonstrations import load_to_clone
 
     shutil.copytree(demonstrations, tmp_path / "episodes")
-    folder = RecordingFolder.open(tmp_path / "episodes")
-    episode, stats = folder.load(3), folder.load_stats(3)
+    folder = Recording.open(tmp_path / "episodes")
+    episode = folder.load(3)
     next(array for name, array in episode.arrays.items() if name.startswith(part))[2] = np.nan
-    folder.save(episode, stats)
+    folder.append(episode)
     with pytest.raises(ValueError, match=r"episodes .* finite"):
         load_to_clone(tmp_path / "episodes", spec_of("open_cabinet", "top_drawer"))
 
@@ -131,15 +132,15 @@ ARGUMENTS = [
 
 
 def test_a_run_clones_first(demonstrations, tmp_path, capsys, monkeypatch):
-    from kitchen_suite.training import reinforcement
+    from kitchen_suite.training import ppo
 
-    cloned, clone = [], reinforcement.clone
+    cloned, clone = [], ppo.clone
 
     def counted(agent, observations, *rest):
         cloned.append(len(observations))
         clone(agent, observations, *rest)
 
-    monkeypatch.setattr(reinforcement, "clone", counted)
+    monkeypatch.setattr(ppo, "clone", counted)
     arguments = [*ARGUMENTS, f"--demonstrations={demonstrations}", f"--output={tmp_path / 'run'}"]
     assert train.main(arguments) == 0
     assert cloned == [6 * 150]
@@ -205,10 +206,10 @@ OTHER_ARGUMENTS = {
 def test_demonstrations_whose_numbers_mean_something_else_are_refused(tmp_path, recorded, trained, same):
     from kitchen_suite.training.demonstrations import load_to_clone
 
-    episodes = spec_of("kitchen", "all", **recorded).episodes(policy="zero", seed=0, seeding="gymnasium")
-    RecordingFolder.create(tmp_path, episodes)
+    episodes = spec_of("kitchen", "all", **recorded).episodes(PolicyRef.parse("zero"), seed=0)
+    Recording.create(tmp_path, episodes)
     # A recording without episodes, which is refused only after its arguments have been compared.
-    remedy = "record again without obs_type" if "obs_type" in recorded else "pass the same --task_kwargs"
+    remedy = "record again without obs_type" if "obs_type" in recorded else "record and train with the same task_kwargs"
     message = "holds no episodes yet" if same else f"was made with .*, but this run has .*: {remedy}"
     with pytest.raises(ValueError, match=message):
         load_to_clone(tmp_path, spec_of("kitchen", "all", **trained))
@@ -290,18 +291,12 @@ def test_later_observations_do_not_change_the_standardisation_of_a_clone(make_le
 
 
 def test_ppo_clones_several_recordings_together(demonstrations, samples, tmp_path):
-    from kitchen_suite.settings import TrainSettings
-    from kitchen_suite.training.reinforcement import PPOTraining
+    from kitchen_suite.training.ppo import PPOTraining
 
-    spec, options = spec_of("open_cabinet", "top_drawer"), {"hyperparameters": {"num_envs": 2}, "num_threads": 1}
-    settings = TrainSettings(
-        output=tmp_path,
-        domain_name="open_cabinet",
-        task_name="top_drawer",
-        demonstrations=(demonstrations,) * 2,
-        **options,
+    spec = spec_of("open_cabinet", "top_drawer")
+    training = PPOTraining(
+        spec, hyperparameters={"num_envs": 2}, demonstrations=[demonstrations, demonstrations], num_threads=1
     )
-    training = PPOTraining(settings, spec)
     training.close()
     for found, one in zip(training.demonstrations, samples, strict=True):
         np.testing.assert_array_equal(found, np.concatenate([one, one]))
@@ -310,4 +305,4 @@ def test_ppo_clones_several_recordings_together(demonstrations, samples, tmp_pat
 def test_ppo_takes_no_number_of_demonstrations(demonstrations, tmp_path, capsys):
     flags = [f"--demonstrations={demonstrations}", "--num_demonstrations=2", f"--output={tmp_path / 'run'}"]
     assert train.main(flags) == 2
-    assert "--num_demonstrations is for the other algorithms" in capsys.readouterr().err
+    assert "num_demonstrations is for the algorithm 'bc'" in capsys.readouterr().err

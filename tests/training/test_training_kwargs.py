@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import train
-from kitchen_suite.training.hyperparameters import find_recipe
+from kitchen_suite.commands import train
+from kitchen_suite.training.recipes import find_recipe
+from kitchen_suite.training.run import StopReason
+from kitchen_suite.vector_env import SuiteVectorEnv
 
 pytestmark = pytest.mark.clients
 
@@ -17,20 +19,27 @@ KETTLE = ["--domain_name=kitchen", "--task_name=kettle"]
 
 
 @pytest.fixture
-def job_of(capsys, monkeypatch, tmp_path):
-    """Returns a function that prepares a training and returns its job, or None and the error."""
+def prepared(capsys, monkeypatch, tmp_path):
+    """Returns a function that prepares a training by flags; it returns training and run, or the error."""
     monkeypatch.chdir(tmp_path)
-    jobs = []
-    monkeypatch.setattr("kitchen_suite.training.train_job.TrainJob.run", lambda job: jobs.append(job) or True)
+    found = []
 
-    def job_of(*flags, status=0):
+    def keep(training, run, seed, schedule):
+        found.append((training, run))
+        return StopReason.STEPS
+
+    monkeypatch.setattr("kitchen_suite.training.train._train_seed", keep)
+    # They are looked at after the command has ended.
+    monkeypatch.setattr(SuiteVectorEnv, "close", lambda self: None)
+
+    def prepared(*flags, status=0):
         small = f"--hyperparameters={json.dumps(SMALL)}"
         assert train.main(["--domain_name=open_cabinet", "--output=runs", "--eval_episodes=2", small, *flags]) == status
         error = capsys.readouterr().err
         assert (error == "") == (status == 0)
-        return jobs[-1] if status == 0 else error
+        return found[-1] if status == 0 else error
 
-    return job_of
+    return prepared
 
 
 def task_of(environments):
@@ -41,60 +50,60 @@ def length_of(environments):
     return environments.template_env.max_episode_steps
 
 
-def test_the_kitchen_is_trained_with_a_dense_reward_and_evaluated_with_its_own(job_of):
-    job = job_of(*KETTLE)
-    trained, evaluated = job.training.environments, job.evaluation_environments
+def test_the_kitchen_is_trained_with_a_dense_reward_and_evaluated_with_its_own(prepared):
+    training, run = prepared(*KETTLE)
+    trained, evaluated = training.environments, run.evaluation_environments
     assert set(task_of(trained).mdp.rewards) == {"approach", "progress", "completion"}
     assert set(task_of(evaluated).mdp.rewards) == {"completion"}
     assert [task_of(each).scene.physics for each in (trained, evaluated)] == ["fast", "exact"]
     # Both have the same length, and the spaces of the policy.
     assert [length_of(each) for each in (trained, evaluated)] == [100, 100]
     assert trained.single_observation_space == evaluated.single_observation_space
-    assert job.metadata["task_kwargs"] == {}
-    assert job.metadata["training_kwargs"] == json.loads(json.dumps(find_recipe("kitchen").options))
+    assert run.description.metadata["task_kwargs"] == {}
+    assert run.description.metadata["training_kwargs"] == json.loads(json.dumps(find_recipe("kitchen").options))
 
 
-def test_evaluations_begin_at_the_original_start_where_training_varies(job_of):
-    job = job_of(*KETTLE, '--training_kwargs={"variations": {"microwave/door": -0.2}, "physics": "exact"}')
-    _, varied = job.training.environments.reset(seed=0)
-    _, info = job.evaluation_environments.reset(seed=0)
+def test_evaluations_begin_at_the_original_start_where_training_varies(prepared):
+    training, run = prepared(*KETTLE, '--training_kwargs={"variations": {"microwave/door": -0.2}, "physics": "exact"}')
+    _, varied = training.environments.reset(seed=0)
+    _, info = run.evaluation_environments.reset(seed=0)
     np.testing.assert_array_equal(varied["variation_values"]["microwave/door"], [-0.2, -0.2])
     assert "variation_values" not in info
     # They replace some of the domain's.
-    assert job.metadata["training_kwargs"]["reward"] == "dense_gain"
-    assert job.metadata["training_kwargs"]["physics"] == "exact"
+    assert run.description.metadata["training_kwargs"]["reward"] == "dense_gain"
+    assert run.description.metadata["training_kwargs"]["physics"] == "exact"
 
 
 @pytest.mark.parametrize("physics", ["exact", "fast"])
-def test_the_physics_of_the_task_is_that_of_training_too(job_of, physics):
-    job = job_of(*KETTLE, f"--physics={physics}")
-    assert "physics" not in job.metadata["training_kwargs"]
-    assert job.metadata["task_kwargs"] == {"physics": physics}
-    for environments in (job.training.environments, job.evaluation_environments):
+def test_the_physics_of_the_task_is_that_of_training_too(prepared, physics):
+    training, run = prepared(*KETTLE, f"--physics={physics}")
+    assert "physics" not in run.description.metadata["training_kwargs"]
+    assert run.description.metadata["task_kwargs"] == {"physics": physics}
+    for environments in (training.environments, run.evaluation_environments):
         assert task_of(environments).scene.physics == physics
 
 
-def test_arguments_of_the_task_are_those_of_training_too(job_of):
-    job = job_of(*KETTLE, "--variations=dynamics", '--task_kwargs={"reward": "dense"}')
-    assert job.metadata["training_kwargs"].keys() == {"max_episode_steps", "physics"}
-    for environments in (job.training.environments, job.evaluation_environments):
+def test_arguments_of_the_task_are_those_of_training_too(prepared):
+    training, run = prepared(*KETTLE, "--variations=dynamics", '--task_kwargs={"reward": "dense"}')
+    assert run.description.metadata["training_kwargs"].keys() == {"max_episode_steps", "physics"}
+    for environments in (training.environments, run.evaluation_environments):
         assert "kettle/mass" in environments.reset(seed=0)[1]["variation_values"]
         assert task_of(environments).mdp.terminate_on_tasks_completed is False
 
 
-def test_drawers_are_ajar_in_training_alone(job_of):
-    job = job_of()
-    trained, evaluated = job.training.environments, job.evaluation_environments
+def test_drawers_are_ajar_in_training_alone(prepared):
+    training, run = prepared()
+    trained, evaluated = training.environments, run.evaluation_environments
     openings = np.array([trained.reset(seed=s)[1]["variation_values"]["cabinet/drawer_top"] for s in range(10)])
     assert set(openings.flatten().tolist()) > {0.0, 0.08}
     assert "variation_values" not in evaluated.reset(seed=0)[1]
     assert [length_of(each) for each in (trained, evaluated)] == [300, 300]
 
 
-def test_a_domain_without_a_recipe_trains_in_the_environments_of_its_evaluations(job_of):
-    job = job_of("--domain_name=microwave_table", "--task_name=open")
-    assert job.metadata["training_kwargs"] == {}
-    assert length_of(job.training.environments) == suite.DOMAINS["microwave_table"].episode_steps
+def test_a_domain_without_a_recipe_trains_in_the_environments_of_its_evaluations(prepared):
+    training, run = prepared("--domain_name=microwave_table", "--task_name=open")
+    assert run.description.metadata["training_kwargs"] == {}
+    assert length_of(training.environments) == suite.DOMAINS["microwave_table"].episode_steps
 
 
 BAD = {
@@ -108,25 +117,25 @@ BAD = {
 
 
 @pytest.mark.parametrize("value", BAD)
-def test_bad_arguments_of_training_are_refused_in_one_line(job_of, value):
-    error = job_of(*KETTLE, f"--training_kwargs={value}", status=2)
+def test_bad_arguments_of_training_are_refused_in_one_line(prepared, value):
+    error = prepared(*KETTLE, f"--training_kwargs={value}", status=2)
     assert re.fullmatch(r"kitchen-train: [^\n]+\n", error)
     assert all(part in error for part in BAD[value]), error
 
 
-def test_a_run_is_not_resumed_with_other_arguments_of_training(job_of):
-    job_of(*KETTLE)
-    error = job_of(*KETTLE, "--resume", '--training_kwargs={"reward": "dense"}', status=2)
+def test_a_run_is_not_resumed_with_other_arguments_of_training(prepared):
+    prepared(*KETTLE)
+    error = prepared(*KETTLE, "--resume", '--training_kwargs={"reward": "dense"}', status=2)
     assert 'runs holds a training run with training_kwargs {"max_episode_steps": 100, "reward": "dense_gain"' in error
 
 
-def test_episodes_begin_at_times_spread_over_the_length_of_training(job_of):
+def test_episodes_begin_at_times_spread_over_the_length_of_training(prepared):
 
-    job = job_of('--training_kwargs={"max_episode_steps": 6}')
-    environments = job.training.environments
-    from kitchen_suite.training.reinforcement import PPOLearner
+    training, _ = prepared('--training_kwargs={"max_episode_steps": 6}')
+    environments = training.environments
+    from kitchen_suite.training.ppo import PPOLearner
 
-    PPOLearner(environments, job.training.config, 0).start(0)
+    PPOLearner(environments, training.config, 0).start(0)
     # The steps 2 and 5 of six: the next one ends an episode.
     *_, infos = environments.step(np.zeros(environments.action_space.shape))
     assert sorted(infos["episode_step"]) == [0, 3]

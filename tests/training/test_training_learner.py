@@ -214,8 +214,8 @@ def random_policy(scale=0.02):
 
 
 def test_an_evaluation_does_not_depend_on_earlier_ones():
-    from kitchen_suite.training.learner import evaluate
-    from kitchen_suite.training.reinforcement import network_controller
+    from kitchen_suite.training.ppo import network_controller
+    from kitchen_suite.training.run import evaluate
 
     evaluated = environments(3, AutoresetMode.DISABLED)
     first = evaluate(network_controller(random_policy(), evaluated), evaluated, [7, 8, 9])
@@ -231,8 +231,8 @@ def test_an_evaluation_does_not_depend_on_earlier_ones():
 
 
 def test_an_evaluation_counts_each_episode_to_its_end_and_no_further():
-    from kitchen_suite.training.learner import evaluate
-    from kitchen_suite.training.reinforcement import network_controller
+    from kitchen_suite.training.ppo import network_controller
+    from kitchen_suite.training.run import evaluate
 
     # Wild enough that joints move too fast, which terminates episodes at different times.
     policy, seeds = random_policy(scale=0.1), [5, 6, 7, 8]
@@ -254,8 +254,8 @@ def test_an_evaluation_counts_each_episode_to_its_end_and_no_further():
 
 
 def test_an_episode_whose_physics_diverges_counts_as_a_failure(monkeypatch):
-    from kitchen_suite.training.learner import evaluate
-    from kitchen_suite.training.reinforcement import network_controller
+    from kitchen_suite.training.ppo import network_controller
+    from kitchen_suite.training.run import evaluate
 
     evaluated = environments(2, AutoresetMode.DISABLED)
     step = type(evaluated).step_some
@@ -372,11 +372,11 @@ def test_a_truncated_episode_is_worth_the_value_of_its_last_observation():
 def test_a_learner_finds_the_action_that_is_rewarded():
     import torch
 
-    from kitchen_suite.training.hyperparameters import Hyperparameters
     from kitchen_suite.training.ppo import Actor, Agent, Batch
+    from kitchen_suite.training.recipes import PPOHyperparameters
 
     torch.manual_seed(0)
-    config = Hyperparameters(
+    config = PPOHyperparameters(
         num_envs=64, rollouts=8, mini_batches=4, hidden=(16,), action_scale=(2.0,), noise_correlation=0.0, kl_target=0.0
     )
     agent = Agent(1, gymnasium.spaces.Box(-5, 5, (1,)), config)

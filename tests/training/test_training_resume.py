@@ -13,8 +13,8 @@ from helpers.episodes import left_behind
 from helpers.training import BATCH, METADATA, SMALL, environments, learner
 
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.settings import Schedule
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
+from kitchen_suite.training.recipes import Schedule
 from kitchen_suite.training.run_folder import RunDescription
 
 pytestmark = pytest.mark.clients
@@ -49,8 +49,8 @@ def training_environments():
 
 @pytest.fixture
 def make_run(training_environments, evaluation_environments, tmp_path):
-    """Returns a function that makes runs in one folder: each has a new learner, and resumes the one before."""
-    from kitchen_suite.training.seed_run import SeedRun
+    """Returns a function that makes runs in one folder: each trains a new learner, and resumes the one before."""
+    from kitchen_suite.training.run import SeedRun
 
     def make(batches, every=2, seed=0, episodes=2):
         schedule = Schedule(
@@ -62,9 +62,19 @@ def make_run(training_environments, evaluation_environments, tmp_path):
             min_progress=0.0,
         )
         new = learner(training_environments, seed=seed, kl_target=0.01)
-        return SeedRun(tmp_path, seed, schedule, new, evaluation_environments, METADATA), new
+        run = SeedRun(tmp_path, seed, schedule, new, evaluation_environments, METADATA)
+        return run, new
 
     return make
+
+
+def trained(made):
+    """Trains the learner of a run; returns both."""
+    from kitchen_suite.training import ppo
+
+    run, taught = made
+    ppo.train(taught, run)
+    return run, taught
 
 
 def curves(folder):
@@ -95,7 +105,7 @@ def assert_same(one, other):
 
 
 def test_the_documented_curves_are_written(make_run, tmp_path):
-    make_run(4)[0].run(lambda row: None)
+    trained(make_run(4))
     found = curves(tmp_path)
     assert set(found) >= EVALUATION | BATCHES | {"time/minutes", "time/processor_minutes"}
     for name in EVALUATION | {"time/minutes", "time/processor_minutes"}:
@@ -112,26 +122,25 @@ def test_the_documented_curves_are_written(make_run, tmp_path):
 def test_where_few_of_the_first_episodes_succeed_the_others_are_not_played(
     make_run, monkeypatch, tmp_path, successes, num_played
 ):
-    from kitchen_suite.training import seed_run
+    from kitchen_suite.training import run as training_run
 
     played = []
 
     def evaluate(controller, environments, seeds):
         played.extend(seeds)
-        chosen = np.array([successes[seed - seed_run.EVALUATION_SEEDS] for seed in seeds], float)
+        chosen = np.array([successes[seed - training_run.EVALUATION_SEEDS] for seed in seeds], float)
         return {f"episode/{name}": chosen for name in ("success", "progress", "length", "return")}
 
-    monkeypatch.setattr(seed_run, "evaluate", evaluate)
+    monkeypatch.setattr(training_run, "evaluate", evaluate)
     # One evaluation, of the policy before the first step.
-    run, _ = make_run(0, episodes=5)
-    run.run(lambda row: None)
-    assert played == [*range(seed_run.EVALUATION_SEEDS, seed_run.EVALUATION_SEEDS + num_played)]
+    trained(make_run(0, episodes=5))
+    assert played == [*range(training_run.EVALUATION_SEEDS, training_run.EVALUATION_SEEDS + num_played)]
     assert curves(tmp_path)["evaluation/success"] == {0: pytest.approx(np.mean(successes[:num_played]))}
 
 
 def test_episodes_that_end_in_training_have_curves(make_run, tmp_path):
     # Four environments, each at another of its 700 steps: two batches of 200 steps see two of them end.
-    make_run(25, every=100)[0].run(lambda row: None)
+    trained(make_run(25, every=100))
     found = curves(tmp_path)
     for name in ("success", "progress", "length"):
         assert 2 <= len(found[f"episode/{name}"]) <= 4
@@ -139,8 +148,7 @@ def test_episodes_that_end_in_training_have_curves(make_run, tmp_path):
 
 
 def test_the_learner_is_restored(make_run):
-    first, before = make_run(4)
-    first.run(lambda row: None)
+    first, before = trained(make_run(4))
     state = before.state()
     again, after = make_run(4)
     assert again.resumed
@@ -157,8 +165,7 @@ def test_the_learner_is_restored(make_run):
 def test_an_exported_policy_is_the_same_after_resuming(make_run):
     from kitchen_suite.training.ppo import export_policy
 
-    first, before = make_run(2)
-    first.run(lambda row: None)
+    _, before = trained(make_run(2))
     _, after = make_run(2)
     observations = np.random.default_rng(0).normal(size=(20, 25))
     one, other = (export_policy(each.agent, METADATA)(observations) for each in (before, after))
@@ -166,19 +173,19 @@ def test_an_exported_policy_is_the_same_after_resuming(make_run):
 
 
 def test_the_learning_rate_continues_from_its_last_value(make_run, tmp_path):
-    make_run(4)[0].run(lambda row: None)
-    make_run(5)[0].run(lambda row: None)
+    trained(make_run(4))
+    trained(make_run(5))
     rates = [*curves(tmp_path)["learning/learning rate"].values()]
     # Each of the two epochs changes it by a factor of 1.5 at most.
     assert all(1 / 2.3 < new / old < 2.3 for old, new in itertools.pairwise(rates))
 
 
 def test_curves_continue_in_the_same_folder_with_every_step_once(make_run, tmp_path):
-    make_run(5)[0].run(lambda row: None)
+    trained(make_run(5))
     before = curves(tmp_path)
     # As if interrupted before the last evaluation: batch 5 is learned again.
     os.remove(tmp_path / f"checkpoint_{5 * BATCH:012d}.pt")
-    make_run(6)[0].run(lambda row: None)
+    trained(make_run(6))
     after = curves(tmp_path)
     assert list(after["step/reward"]) == [batches * BATCH for batches in range(1, 7)]
     assert list(after["evaluation/return"]) == [batches * BATCH for batches in (0, 2, 4, 6)]
@@ -190,20 +197,19 @@ def test_curves_continue_in_the_same_folder_with_every_step_once(make_run, tmp_p
 
 
 def test_the_best_policy_survives_an_interrupt(make_run, tmp_path, monkeypatch):
-    from kitchen_suite.training import seed_run
+    from kitchen_suite.training import run as training_run
 
     returns = iter([1.0, 3.0, 2.0, 2.5])
     monkeypatch.setattr(
-        seed_run,
+        training_run,
         "evaluate",
         lambda *arguments: {
             f"episode/{name}": np.array([value])
             for name, value in {"success": 0.0, "progress": 0.0, "return": next(returns)}.items()
         },
     )
-    make_run(4)[0].run(lambda row: None)
-    again, _ = make_run(6)
-    again.run(lambda row: None)
+    trained(make_run(4))
+    again, _ = trained(make_run(6))
     assert again.best == (0.0, 3.0)
     assert TrainedPolicy.load(tmp_path / "policy.npz").metadata["training"]["steps"] == 2 * BATCH
 
@@ -211,7 +217,7 @@ def test_the_best_policy_survives_an_interrupt(make_run, tmp_path, monkeypatch):
 def test_every_kept_checkpoint_is_readable(make_run, tmp_path):
     from kitchen_suite.training import checkpoints
 
-    make_run(10)[0].run(lambda row: None)
+    trained(make_run(10))
     paths = sorted(tmp_path.glob("checkpoint_*"))
     assert [path.name for path in paths] == [f"checkpoint_{batches * BATCH:012d}.pt" for batches in (6, 8, 10)]
     for path in reversed(paths):
@@ -259,7 +265,7 @@ def test_two_runs_started_together_in_one_folder_are_not_both_let_in(tmp_path):
         for thread in threads:
             thread.join()
         assert len(outcomes) == 1
-        assert refusals.pop() == f"{folder} holds a training run already: name another folder, or use --resume"
+        assert refusals.pop() == f"{folder} holds a training run already: name another folder, or resume it"
         assert json.loads((folder / "training.json").read_text())["seed"] == outcomes[0]
         assert os.listdir(folder) == ["training.json"]
 

@@ -1,8 +1,9 @@
-"""Hyperparameters of PPO, of imitation and of offline learning, and the recipe of each domain: its own defaults."""
+"""Hyperparameters of PPO and of behaviour cloning, and the recipe of each domain: its own defaults."""
 
 import dataclasses
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
@@ -10,28 +11,73 @@ from dm_env import specs
 
 from kitchen_suite import checks, suite
 
+PPO = "ppo"
+BC = "bc"
+ALGORITHMS = (PPO, BC)
+
+# When to evaluate and when to stop, by algorithm; for PPO, unless the domain's recipe has others.
+SCHEDULES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        PPO: {"num_steps": 49_000_000, "eval_interval": 500_000, "target_success": 0.99, "patience": 8_000_000},
+        BC: {"num_steps": 8_000, "eval_interval": 4_000, "target_success": 1.1, "patience": 0},
+    }
+)
+EVAL_EPISODES = 100
+MIN_PROGRESS = 0.05
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Recipe:
     """The defaults of training in a domain, as far as they are not the general ones.
 
     Attributes:
-      hyperparameters: values that replace defaults of `Hyperparameters`.
+      hyperparameters: values that replace defaults of `PPOHyperparameters`.
       cloning_hyperparameters: values that replace these where demonstrations are cloned first.
       options: arguments of the environments that policies are trained in from scratch, which those that they are
         evaluated in do not have; except for `max_episode_steps`, which both have.
-      settings: values that replace `num_steps`, `eval_interval`, `target_success` and `patience` of `TrainSettings`.
+      schedule: values that replace those of the algorithm's `Schedule`.
     """
 
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     cloning_hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    settings: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    schedule: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """When the policy of a seed is evaluated, and when its training stops.
+
+    Steps are control steps over all environments, or steps of the optimiser in behaviour cloning.
+
+    Attributes:
+      num_steps: greatest number of steps.
+      eval_interval: steps between evaluations and checkpoints.
+      eval_episodes: episodes of an evaluation.
+      target_success: success rate of two evaluations in a row that ends the training; above 1 for none.
+      patience: steps without `min_progress` after which a seed is given up; 0 for never.
+      min_progress: mean opening [m], or tasks completed, that is progress.
+    """
+
+    num_steps: int
+    eval_interval: int
+    eval_episodes: int
+    target_success: float
+    patience: int
+    min_progress: float
 
 
 def find_recipe(domain_name: str) -> Recipe:
     """Returns the recipe of a domain; one without values where it has none."""
     return suite.find_domain(domain_name).resolve("training") or Recipe()
+
+
+def find_schedule(domain_name: str, algorithm: str, **given: Any) -> Schedule:
+    """Returns the schedule of an algorithm in a domain, with those values that are given and not None."""
+    checks.choice(algorithm, ALGORITHMS, "algorithm")
+    own = find_recipe(domain_name).schedule if algorithm == PPO else {}
+    defaults = {**SCHEDULES[algorithm], "eval_episodes": EVAL_EPISODES, "min_progress": MIN_PROGRESS, **own}
+    return Schedule(**{**defaults, **{name: value for name, value in given.items() if value is not None}})
 
 
 # The doors of microwave and hinge cabinet are closed in half of the episodes of training, and ajar in the others [rad]:
@@ -77,7 +123,7 @@ KITCHEN_RECIPE = Recipe(
         "action_scale": (0.5,) * 9,
     },
     options={"max_episode_steps": 100, "reward": "dense_gain", "physics": "fast", "variations": _AJAR},
-    settings={"num_steps": 4_000_000, "eval_interval": 40_000, "target_success": 0.97, "patience": 1_000_000},
+    schedule={"num_steps": 4_000_000, "eval_interval": 40_000, "target_success": 0.97, "patience": 1_000_000},
 )
 
 OFFSET_SCALE = (*(0.01,) * 7, 2.0)  # Scale of joint offsets [rad] and the gripper logit.
@@ -91,7 +137,7 @@ OPEN_CABINET_RECIPE = Recipe(
     # Averaged weights: from one update to the next, the success of the policy itself swings by several percent.
     hyperparameters={"averaging": 0.95, "action_scale": OFFSET_SCALE},
     options={"max_episode_steps": 300, "variations": _AJAR_DRAWERS},
-    settings={"eval_interval": 250_000, "target_success": 0.98},
+    schedule={"eval_interval": 250_000, "target_success": 0.98},
 )
 
 
@@ -103,15 +149,15 @@ _POSITIVE = ("exploration", "standardisation_epsilon")
 # Greatest values, of those that have one: of factors, and of sizes beyond any machine's memory.
 _MAXIMA = {
     **dict.fromkeys(("batch_size", "clone_epochs"), 2**20),
-    **dict.fromkeys(("num_envs", "rollouts", "mini_batches", "candidates"), 2**16),
-    **dict.fromkeys(("hidden", "width", "value_width", "features", "codes", "latent"), 2**14),
-    **dict.fromkeys(("chunk", "n_step", "blocks", "flow_steps", "codebooks", "shift"), 2**10),
-    **dict.fromkeys(("averaging", "discount", "expectile", "target_rate", "gae_lambda"), 1),
+    **dict.fromkeys(("num_envs", "rollouts", "mini_batches"), 2**16),
+    **dict.fromkeys(("hidden", "width", "features"), 2**14),
+    **dict.fromkeys(("chunk", "blocks", "shift"), 2**10),
+    **dict.fromkeys(("averaging", "discount", "gae_lambda"), 1),
 }
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Hyperparameters:
+class PPOHyperparameters:
     """Hyperparameters of PPO and of behaviour cloning before it.
 
     Policy and value function are multilayer perceptrons with ELU units and the same hidden layers.
@@ -172,7 +218,7 @@ class Hyperparameters:
         """Control steps of an update, over all environments."""
         return self.num_envs * self.rollouts
 
-    def for_actions(self, spec: specs.Array) -> "Hyperparameters":
+    def for_actions(self, spec: specs.Array) -> "PPOHyperparameters":
         """Returns the hyperparameters with an action scale for a spec; unchanged if they have one."""
         if self.action_scale:
             return self
@@ -181,13 +227,13 @@ class Hyperparameters:
         return dataclasses.replace(self, action_scale=tuple(half.tolist()))
 
     @classmethod
-    def defaults(cls, domain_name: str, *, cloning: bool = False) -> "Hyperparameters":
+    def defaults(cls, domain_name: str, *, cloning: bool = False) -> "PPOHyperparameters":
         """Returns the defaults of a domain, from scratch or with demonstrations that are cloned first."""
         recipe = find_recipe(domain_name)
         return cls(**{**recipe.hyperparameters, **(recipe.cloning_hyperparameters if cloning else {})})
 
     @classmethod
-    def for_domain(cls, domain_name: str, changes: Mapping[str, Any], *, cloning: bool = False) -> "Hyperparameters":
+    def for_domain(cls, domain_name: str, changes: Mapping[str, Any], *, cloning: bool = False) -> "PPOHyperparameters":
         """Returns the defaults of a domain, as in `defaults`, with some values changed; see `checked_changes`."""
         config = checked_changes(cls.defaults(domain_name, cloning=cloning), changes)
         if config.batch_size % config.mini_batches:
@@ -205,7 +251,8 @@ def checked_changes(defaults: Config, changes: Mapping[str, Any]) -> Config:
       TypeError: a value has the wrong type.
       ValueError: a name is unknown, or a value is out of range.
     """
-    hints, values = get_type_hints(type(defaults)), {}
+    hints = get_type_hints(type(defaults))
+    values = {}
     for name, value in changes.items():
         _check(name, value, hints[checks.choice(name, hints.keys(), "hyperparameter")])
         values[name] = tuple(value) if isinstance(value, list) else value
@@ -226,10 +273,10 @@ def _check(name: str, value: Any, kind: Any) -> None:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ChunkHyperparameters:
-    """Hyperparameters of all algorithms that learn chunks of actions from recordings.
+class BCHyperparameters:
+    """Hyperparameters of behaviour cloning in chunks of actions.
 
-    Networks are residual: blocks with normalisation and SiLU units.
+    The network is residual: blocks with normalisation and SiLU units.
 
     Attributes:
       width: values between the blocks.
@@ -237,9 +284,14 @@ class ChunkHyperparameters:
       chunk: number of actions that are predicted at once.
       executed: number of these that are applied before the next prediction.
       batch_size: control steps of a step of the optimiser.
-      learning_rate: of the optimiser (AdamW in imitation, Adam offline) at first; it falls to 0 like half a cosine.
+      learning_rate: of the optimiser (AdamW) at first; it falls to 0 like half a cosine.
+      weight_decay: of the optimiser.
       averaging: decay of the moving average of the policy's weights, which is evaluated and exported.
       standardisation_epsilon: added to the standard deviations by which inputs are divided; positive.
+      input_noise: standard deviation of normal noise on the inputs in training, in units of their standard deviations.
+      features: number of features of each camera's picture; from pictures alone, as `shift` and `tint`.
+      shift: greatest displacement of pictures in training [pixels].
+      tint: greatest change of contrast, and twice that of brightness, of each colour of pictures in training.
     """
 
     width: int = 384
@@ -248,135 +300,18 @@ class ChunkHyperparameters:
     executed: int = 1
     batch_size: int = 512
     learning_rate: float = 1e-3
+    weight_decay: float = 1e-4
     averaging: float = 0.999
     standardisation_epsilon: float = 0.01
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ImitationHyperparameters(ChunkHyperparameters):
-    """Hyperparameters of all algorithms of imitation.
-
-    Attributes:
-      weight_decay: of the optimiser.
-      input_noise: standard deviation of normal noise on the inputs in training, in units of their standard deviations.
-      features: number of features of each camera's picture; from pictures alone, as `shift` and `tint`.
-      shift: greatest displacement of pictures in training [pixels].
-      tint: greatest change of contrast, and twice that of brightness, of each colour of pictures in training.
-    """
-
-    weight_decay: float = 1e-4
     input_noise: float = 0.0
     features: int = 128
     shift: int = 1
     tint: float = 0.2
 
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class FlowHyperparameters(ImitationHyperparameters):
-    """Hyperparameters of flow matching.
-
-    Attributes:
-      flow_steps: steps of Euler's method in a prediction.
-    """
-
-    executed: int = 4
-    flow_steps: int = 8
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class TokenHyperparameters(ImitationHyperparameters):
-    """Hyperparameters of VQ-BeT.
-
-    Attributes:
-      codebooks: number of codes of a chunk; each later one is for the residual of the earlier ones.
-      codes: number of codes in each codebook.
-      latent: length of a code vector.
-      quantizer_steps: steps of the optimiser, the first ones, that fit codes and decoder.
-      offset_scale: factor of the error of the predicted chunks, beside the likelihood of the codes.
-    """
-
-    codebooks: int = 2
-    codes: int = 16
-    latent: int = 64
-    quantizer_steps: int = 1500
-    offset_scale: float = 5.0
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class OfflineHyperparameters(ChunkHyperparameters):
-    """Hyperparameters of all algorithms of offline reinforcement learning.
-
-    Attributes:
-      n_step: control steps of an n-step return, before the value of the state after them.
-      discount: discount factor; of goals also that with which later states are drawn.
-    """
-
-    width: int = 256
-    blocks: int = 2
-    batch_size: int = 256
-    n_step: int = 1
-    discount: float = 0.99
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ValueHyperparameters(OfflineHyperparameters):
-    """Hyperparameters of algorithms that learn values.
-
-    A greater network without noise learns the outcome of each recorded episode by heart, and then sees no advantage.
-
-    Attributes:
-      value_width: values between the blocks of value networks.
-      value_noise: standard deviation of normal noise on the inputs of value networks in training, standardised.
-      target_rate: share by which target networks move in a step of the optimiser.
-    """
-
-    value_width: int = 64
-    value_noise: float = 0.3
-    target_rate: float = 0.01
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class IQLHyperparameters(ValueHyperparameters):
-    """Hyperparameters of implicit Q-learning.
-
-    Attributes:
-      expectile: of the values of actions that the value function learns.
-      temperature: inverse temperature: factor of an action's advantage in the logarithm of its weight.
-    """
-
-    n_step: int = 8
-    expectile: float = 0.7
-    temperature: float = 5.0
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class IDQLHyperparameters(ValueHyperparameters):
-    """Hyperparameters of IDQL.
-
-    Attributes:
-      expectile: of the values of actions that the value function learns.
-      flow_steps: steps of Euler's method in a prediction.
-      candidates: number of chunks that are drawn, of which the most valuable one is taken.
-    """
-
-    executed: int = 4
-    n_step: int = 30
-    expectile: float = 0.7
-    flow_steps: int = 8
-    candidates: int = 32
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class TD3BCHyperparameters(ValueHyperparameters):
-    """Hyperparameters of TD3+BC.
-
-    Attributes:
-      bc_weight: factor of the squared distance from recorded actions, beside values divided by their mean magnitude.
-      target_noise: standard deviation of the noise on the actions of the targets, standardised.
-      noise_clip: greatest magnitude of this noise.
-    """
-
-    n_step: int = 8
-    bc_weight: float = 10.0
-    target_noise: float = 0.2
-    noise_clip: float = 0.5
+    @classmethod
+    def changed(cls, changes: Mapping[str, Any]) -> "BCHyperparameters":
+        """Returns the defaults with some values changed; see `checked_changes`."""
+        config = checked_changes(cls(), changes)
+        if config.executed > config.chunk:
+            raise ValueError(f"executed must be at most chunk, {config.chunk}, got {config.executed}")
+        return config
