@@ -8,22 +8,22 @@ the extra `train`, and takes 3 minutes for a case on two processors. `docs/scrip
 """
 
 import contextlib
-import json
-from pathlib import Path
 from typing import Any
 
+from experiment import RESULTS, Row, make_parser, measure_missing
 from gymnasium.vector import AutoresetMode
-from tqdm import tqdm
 
 from kitchen_suite import suite
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.tasks import DEFAULT_TASKS
 
-RESULTS = Path(__file__).parent / "results" / "failed_returns.json"
-
 REWARDS = ("dense", "dense_gain")
-STEPS, INTERVAL = 120_000, 20_000
-EPISODES, EPISODE_STEPS = 20, 280
+# Control steps of training, and between evaluations.
+STEPS = 120_000
+INTERVAL = 20_000
+# Episodes of an evaluation, and their control steps.
+EPISODES = 20
+EPISODE_STEPS = 280
 
 # Seeds that neither training nor its evaluations use.
 FIRST_SEED = 40_000
@@ -36,17 +36,18 @@ def spec_of(task: str, arguments: dict[str, Any], steps: int) -> EnvironmentSpec
     )
 
 
-def measure(task: str, reward: str, steps: int = STEPS) -> dict[str, Any]:
-    """Trains a task with a reward; returns its row."""
-    from kitchen_suite.training.hyperparameters import Hyperparameters, find_recipe
-    from kitchen_suite.training.learner import evaluate
-    from kitchen_suite.training.reinforcement import PPOLearner, network_controller
+def measure(case: Row, steps: int = STEPS) -> Row:
+    """Trains a task with a reward; returns the rest of its row."""
+    from kitchen_suite.training.ppo import PPOLearner, network_controller
+    from kitchen_suite.training.recipes import PPOHyperparameters, find_recipe
+    from kitchen_suite.training.run import evaluate
 
-    domain, config = suite.DOMAINS["kitchen"], Hyperparameters.defaults("kitchen")
+    domain, config = suite.DOMAINS["kitchen"], PPOHyperparameters.defaults("kitchen")
     options = dict(find_recipe("kitchen").options)
     steps_of_training = options.pop("max_episode_steps")
-    training = spec_of(task, {**options, "reward": reward}, steps_of_training)
-    evaluated = spec_of(task, {"reward": reward}, EPISODE_STEPS)
+    reward = {"reward": case["reward"]}
+    training = spec_of(case["task"], {**options, **reward}, steps_of_training)
+    evaluated = spec_of(case["task"], reward, EPISODE_STEPS)
     flat, failed = domain.env_class.flat_options, []
     with (
         contextlib.closing(training.make_vector_env(config.num_envs, None, AutoresetMode.SAME_STEP, **flat)) as envs,
@@ -61,7 +62,7 @@ def measure(task: str, reward: str, steps: int = STEPS) -> dict[str, Any]:
                 seeds = range(FIRST_SEED, FIRST_SEED + EPISODES)
                 metrics = evaluate(network_controller(learner.export({}), evaluation), evaluation, seeds)
                 failed += metrics["episode/return"][metrics["episode/success"] == 0].tolist()
-    return {"task": task, "reward": reward, "episodes": len(failed), "greatest_return": max(failed, default=None)}
+    return {"episodes": len(failed), "greatest_return": max(failed, default=None)}
 
 
 def main() -> None:
@@ -69,13 +70,10 @@ def main() -> None:
     import torch
 
     torch.set_num_threads(1)
-    rows = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else []
-    measured = {(row["task"], row["reward"]) for row in rows}
-    cases = [(task, reward) for reward in REWARDS for task in DEFAULT_TASKS if (task, reward) not in measured]
-    for case in tqdm(cases, unit="case"):
-        rows.append(measure(*case))
-        RESULTS.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    cases = ({"task": task, "reward": reward} for reward in REWARDS for task in DEFAULT_TASKS)
+    measure_missing(RESULTS / "failed_returns.json", cases, measure)
 
 
 if __name__ == "__main__":
+    make_parser(__doc__).parse_args()
     main()

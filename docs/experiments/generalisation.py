@@ -4,41 +4,51 @@ python docs/experiments/generalisation.py FOLDER        networks trained in 1, 1
 python docs/experiments/generalisation.py FOLDER 10     some of them: the number of kitchens
 python docs/experiments/generalisation.py FOLDER curve  the picture of the curve
 
-All networks learn from the same number of demonstrations of the scripted expert, in the first kitchens of the split
-`train`, by the same number of optimiser's steps. They are evaluated in the first kitchens of the split `test`, on parts
-that their certificates list. FOLDER keeps recordings, runs and evaluations: the same command continues after an
-interrupt. Results are written to results/kitchens_curve.json. It needs the extras `experts` and `train`.
+All networks learn by flow matching (docs/baselines/flow.py) from the same number of demonstrations of the scripted
+expert, in the first kitchens of the split `train`, by the same number of optimiser's steps. They are evaluated in the
+first kitchens of the split `test`, on parts that their certificates list. FOLDER keeps recordings: the same command
+continues after an interrupt with the numbers of kitchens that have no result yet. Results are written to
+results/kitchens_curve.json. It needs the extras `experts` and `train`.
 """
 
+import dataclasses
+import itertools
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import flow
 import numpy as np
-from imitation import call
+from experiment import PICTURES, RESULTS, Row, make_parser, positive, read_rows, run_command, timesteps, write_rows
 
-from kitchen_suite import policies
-from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec
-from kitchen_suite.evaluation.results import wilson
+from kitchen_suite.evaluation.scores import wilson
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.policies.networks import ResidualNetwork, Scales
 from kitchen_suite.versions import machine
 
-RESULTS = Path(__file__).parent / "results" / "kitchens_curve.json"
-PICTURE = Path(__file__).resolve().parent.parent / "pictures" / "kitchens_curve.svg"
+ROWS = RESULTS / "kitchens_curve.json"
+PICTURE = PICTURES / "kitchens_curve.svg"
 
 COUNTS = (1, 10, 100)
 
-# Successful demonstrations of every training; optimiser's steps; test kitchens, and episodes in each.
-DEMONSTRATIONS, STEPS, TEST_KITCHENS, EPISODES = 2_000, 20_000, 100, 4
+# Of every training: successful demonstrations, and the optimiser's steps.
+DEMONSTRATIONS = 2_000
+STEPS = 20_000
+
+# Test kitchens, and episodes in each.
+TEST_KITCHENS = 100
+EPISODES = 4
 
 # What is learned, and by whom it is demonstrated: as in the kitchen's sets for imitation.
-TASK, EXPERT = "open", "expert(action_noise=0.1, jitter=0.01)"
+TASK = "open"
+EXPERT = "expert(action_noise=0.1, jitter=0.01)"
 
 # Seed of the training, and the first one of the test episodes.
-SEED, FIRST_SEED = 1, 400_000_000
+SEED = 1
+FIRST_SEED = 400_000_000
 
 
 def arguments(design: int, split: str = "train") -> dict[str, Any]:
@@ -59,8 +69,8 @@ def outcomes(output: Path) -> list[bool]:
     """Returns which episodes of a recording succeeded; empty if there is none."""
     if not output.exists():
         return []
-    recording = RecordingFolder.open(output)
-    return [bool(recording.load_stats(i).metrics["success"]) for i in recording.indices]
+    recording = Recording.open(output)
+    return [bool(recording.load_summary(i).metrics["success"]) for i in recording.indices]
 
 
 def record(folder: Path, design: int, count: int) -> Path:
@@ -70,55 +80,57 @@ def record(folder: Path, design: int, count: int) -> Path:
     while sum(recorded) < count:
         # Nearly all succeed.
         episodes = len(recorded) + count - sum(recorded) + 2
-        call("record", f"--output={output}", f"--policy={EXPERT}", f"--num_episodes={episodes}", *flags(design))
+        run_command("record", f"--output={output}", f"--policy={EXPERT}", f"--num_episodes={episodes}", *flags(design))
         recorded = outcomes(output)
     return output
 
 
-def train(folder: Path, count: int) -> Path:
-    """Trains a network in some kitchens, or continues; returns the file of its policy."""
+@dataclasses.dataclass(frozen=True)
+class Network:
+    """A trained network, and the standardisation of its inputs and actions."""
+
+    network: ResidualNetwork
+    scales: Scales
+
+
+def train(folder: Path, count: int) -> Network:
+    """Trains a network in some kitchens."""
     each = DEMONSTRATIONS // count
     recordings = [record(folder, design, each) for design in range(count)]
-    output = folder / f"run_{count}"
-    call(
-        "train",
-        *(f"--output={output}", "--algorithm=flow", f"--demonstrations={','.join(map(str, recordings))}"),
-        *(f"--num_demonstrations={each}", f"--seed={SEED}", "--restarts=0", "--eval_episodes=10"),
-        *(f"--num_steps={STEPS}", f"--eval_interval={STEPS}"),
-        *(["--resume"] if (output / "training.json").exists() else []),
-        *flags(0),
-    )
-    return output / "policy.npz"
+    tasks = flow.requested_tasks(flow.policy_inputs("kitchens", TASK, arguments(0)))
+    demonstrations = flow.read_demonstrations(recordings, tasks, each)
+    return Network(*flow.train(demonstrations, flow.Config(), num_steps=STEPS, seed=SEED))
 
 
-def play(policy: Path, design: int, split: str) -> list[bool]:
+def play(trained: Network, design: int, split: str) -> list[bool]:
     """Plays episodes in a kitchen; returns which of them succeed."""
     spec = EnvironmentSpec.make(domain_name="kitchens", task_name=TASK, task_kwargs=arguments(design, split))
     with spec.make_environment() as environment:
         inner = suite_env(environment).environment
-        act = policies.find(f"trained(file={str(policy)!r})")(inner, np.random.default_rng(SEED))
+        # One generator draws the noise of all episodes in a kitchen.
+        generators = itertools.repeat(np.random.default_rng(SEED))
+        act = flow.FlowPolicy(trained.network, trained.scales, inner.task.policy_inputs, flow.Config(), generators)
         results = []
         for episode in range(EPISODES):
             inner.random_state.seed((FIRST_SEED + 1_000 * design + episode) % 2**32)
-            timestep, steps = inner.reset(), 0
-            while not timestep.last() and steps < spec.max_episode_steps:
-                timestep, steps = inner.step(act(timestep)), steps + 1
+            for _ in itertools.islice(timesteps(inner, act), spec.max_episode_steps + 1):
+                pass
             results.append(bool(inner.task.episode_metrics["success"]))
         return results
 
 
-def measure(folder: Path, count: int) -> dict[str, Any]:
+def measure(folder: Path, count: int) -> Row:
     """Trains a network and scores it in kitchens that it has not seen, and in those that it has; at most as many."""
-    policy = train(folder, count)
-    row: dict[str, Any] = {"kitchens": count, "demonstrations": DEMONSTRATIONS, "steps": STEPS, "machine": machine()}
+    trained = train(folder, count)
+    row: Row = {"kitchens": count, "demonstrations": DEMONSTRATIONS, "steps": STEPS, "machine": machine()}
     for name, split, designs in (("unseen", "test", TEST_KITCHENS), ("seen", "train", min(count, TEST_KITCHENS))):
-        played = [success for design in range(designs) for success in play(policy, design, split)]
+        played = [success for design in range(designs) for success in play(trained, design, split)]
         low, high = wilson(sum(played), len(played))
         row[name] = {"episodes": len(played), "success": float(np.mean(played)), "interval": [low, high]}
     return row
 
 
-def draw(rows: Sequence[dict[str, Any]]) -> None:
+def draw(rows: Sequence[Row]) -> None:
     """Writes the picture of the curve."""
     import matplotlib
 
@@ -138,21 +150,20 @@ def draw(rows: Sequence[dict[str, Any]]) -> None:
     figure.savefig(PICTURE)
 
 
-def main(given: Sequence[str]) -> int:
-    """Runs the command; returns the exit status."""
-    if not given:
-        print(__doc__, file=sys.stderr)
-        return 2
-    rows = json.loads(RESULTS.read_text("utf-8")) if RESULTS.exists() else []
-    if given[1:] == ["curve"]:
-        draw(rows)
-        return 0
-    for count in map(int, given[1:] or map(str, COUNTS)):
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the command."""
+    parser = make_parser(__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("kitchens", nargs="*", help="numbers of kitchens, or curve")
+    given = parser.parse_args(arguments)
+    if given.kitchens == ["curve"]:
+        draw(read_rows(ROWS))
+        return
+    for count in map(positive, given.kitchens) if given.kitchens else COUNTS:
+        rows = read_rows(ROWS)
         if count not in {row["kitchens"] for row in rows}:
-            rows = sorted([*rows, measure(Path(given[0]), count)], key=lambda row: row["kitchens"])
-            RESULTS.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    return 0
+            write_rows(ROWS, sorted([*rows, measure(given.folder, count)], key=lambda row: row["kitchens"]))
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

@@ -3,17 +3,19 @@
 python docs/experiments/imitation.py FOLDER                 all that have no result yet
 python docs/experiments/imitation.py FOLDER bc:fixed_order:19:1   some of them: algorithm, set, demonstrations, seed
 python docs/experiments/imitation.py FOLDER digests         records the sets, and writes their digests
-python docs/experiments/imitation.py FOLDER shift           evaluates under `shift` what was learned from most
+python docs/experiments/imitation.py FOLDER shift           evaluates under `shift` what `bc` learned from most
                                                         goal_conditioned demonstrations
 
-A cell is a run of `kitchen-train` on the first demonstrations of a set, recorded by `kitchen-record --preset`, and an
-evaluation of its policy by `kitchen-evaluate`, whose JSON is written to results/imitation/. Cells with such a file are
-skipped. FOLDER keeps recordings, runs and finished episodes: the same command continues after an interrupt. It needs
-the extras `experts` and `train`. `docs/scripts/tables.py` makes the tables.
+A cell is a training on the first demonstrations of a set, recorded by `kitchen-record --preset`, and an evaluation of
+its policy, whose JSON is written to results/imitation/: `bc` is trained by `kitchen-train`, `flow` by the baseline
+docs/baselines/flow.py. Cells with such a file are skipped. FOLDER keeps recordings, runs of `bc` and finished episodes:
+the same command continues after an interrupt. It needs the extras `experts` and `train`. `docs/scripts/tables.py` makes
+the tables.
 """
 
 import json
 import platform
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -24,6 +26,7 @@ from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
 from kitchen_suite.versions import installed_versions
 
 RESULTS = Path(__file__).parent / "results" / "imitation"
+BASELINES = Path(__file__).parent.parent / "baselines"
 DIGESTS = Path(__file__).parent / "results" / "demonstrations.json"
 
 # Sets, with the episodes that are recorded, of which more than the greatest count succeed, and the task whose episodes
@@ -31,14 +34,14 @@ DIGESTS = Path(__file__).parent / "results" / "demonstrations.json"
 SETS = {"fixed_order": (600, "complete"), "random_order": (820, "all"), "goal_conditioned": (1650, "random_4")}
 VARIATIONS = "start"
 
-ALGORITHMS = ("bc", "flow", "vqbet")
+ALGORITHMS = ("bc", "flow")
 COUNTS = (19, 100, 566)
 
-# Flags of every training: small networks, which train within ten minutes on one core, and one evaluation at the end.
-TRAINING = (
-    '--hyperparameters={"width": 256, "batch_size": 256}',
-    *("--num_steps=12000", "--eval_interval=12000", "--eval_episodes=10"),
-)
+# Of every training: small networks, which train within ten minutes on one core.
+SIZES = {"width": 256, "batch_size": 256}
+STEPS = 12_000
+# Further flags of `kitchen-train`: one evaluation at the end.
+TRAINING = (f"--eval_interval={STEPS}", "--eval_episodes=10")
 
 EPISODES = 100
 
@@ -50,7 +53,7 @@ class Cell(NamedTuple):
     """A training and its evaluation.
 
     Attributes:
-      algorithm: value of `--algorithm`.
+      algorithm: `bc` or `flow`.
       preset: set of demonstrations.
       count: number of demonstrations.
       seed: of the training.
@@ -109,18 +112,38 @@ def write_digests(folder: Path) -> None:
     DIGESTS.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
+def run_baseline(name: str, recording: Path, output: Path, *flags: str) -> tuple[dict[str, Any], float]:
+    """Trains and evaluates a baseline; returns its scores, and the minutes of a processor that training took."""
+    if output.exists():
+        # What an interrupted run has left.
+        shutil.rmtree(output)
+    command = [sys.executable, str(BASELINES / f"{name}.py"), str(recording), f"--output={output}", *flags]
+    subprocess.run(command, check=True)
+    scores, training = (
+        json.loads((output / f"{part}.json").read_text(encoding="utf-8")) for part in ("evaluation", "training")
+    )
+    return scores, training["processor_minutes"]
+
+
+def recorded(folder: Path, preset: str) -> Path:
+    """Returns the folder of a set, which is recorded if it is not complete."""
+    output = set_folder(folder, preset)
+    if not (output / "complete").exists():
+        record(output, preset)
+    return output
+
+
 def train(folder: Path, cell: Cell) -> tuple[Path, float]:
-    """Trains a cell, or continues; returns the file of the policy, and the minutes."""
+    """Trains a cell of `bc`, or continues; returns the file of the policy, and the minutes."""
     from kitchen_suite.training import checkpoints
 
-    demonstrations, output, (_, task) = set_folder(folder, cell.preset), folder / cell.name, SETS[cell.preset]
-    if not (demonstrations / "complete").exists():
-        record(demonstrations, cell.preset)
+    demonstrations, output, (_, task) = recorded(folder, cell.preset), folder / cell.name, SETS[cell.preset]
     run = [
         f"--output={output}",
         *("--domain_name=kitchen", f"--task_name={task}", f"--variations={VARIATIONS}"),
         *(f"--algorithm={cell.algorithm}", f"--demonstrations={demonstrations}", f"--num_demonstrations={cell.count}"),
-        *(f"--seed={cell.seed}", "--restarts=0", "--num_threads=1"),
+        *(f"--seed={cell.seed}", "--restarts=0", "--num_threads=1", f"--num_steps={STEPS}"),
+        f"--hyperparameters={json.dumps(SIZES)}",
     ]
     call("train", *run, *TRAINING, *(["--resume"] if (output / "training.json").exists() else []))
     last = checkpoints.load_last(output / f"seed_{cell.seed}")
@@ -130,14 +153,32 @@ def train(folder: Path, cell: Cell) -> tuple[Path, float]:
 
 def measure(folder: Path, cell: Cell) -> None:
     """Trains and evaluates a cell, and writes its JSON."""
+    scores, minutes = measure_flow(folder, cell) if cell.algorithm == "flow" else measure_bc(folder, cell)
+    result: dict[str, Any] = {**cell._asdict(), "minutes": minutes, **scores}
+    RESULTS.mkdir(exist_ok=True)
+    cell.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def measure_bc(folder: Path, cell: Cell) -> tuple[dict[str, Any], float]:
+    """Trains and evaluates a cell of `bc`; returns its scores, and the minutes."""
     policy, minutes = train(folder, cell)
     _, task = SETS[cell.preset]
     written = folder / f"{cell.name}.json"
     episodes = (f"--variations={VARIATIONS}", f"--seed={FIRST_SEED}", f"--num_episodes={EPISODES}")
     evaluate(folder, cell.name, policy, written, "--protocol=default", f"--task_name={task}", *episodes)
-    result: dict[str, Any] = {**cell._asdict(), "minutes": minutes, **json.loads(written.read_text(encoding="utf-8"))}
-    RESULTS.mkdir(exist_ok=True)
-    cell.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    return json.loads(written.read_text(encoding="utf-8")), minutes
+
+
+def measure_flow(folder: Path, cell: Cell) -> tuple[dict[str, Any], float]:
+    """Trains and evaluates a cell of `flow`; returns its scores, and the minutes."""
+    _, task = SETS[cell.preset]
+    flags = (
+        *(f"--num_demonstrations={cell.count}", f"--seed={cell.seed}", f"--num_steps={STEPS}"),
+        *(f"--{name}={value}" for name, value in SIZES.items()),
+        *(f"--task_name={task}", f"--task_kwargs={json.dumps({'variations': [VARIATIONS]})}"),
+        *(f"--eval_seed={FIRST_SEED}", f"--eval_episodes={EPISODES}"),
+    )
+    return run_baseline("flow", recorded(folder, cell.preset), folder / cell.name, *flags)
 
 
 def evaluate(folder: Path, name: str, policy: Path, written: Path, *flags: str) -> None:
@@ -149,13 +190,12 @@ def evaluate(folder: Path, name: str, policy: Path, written: Path, *flags: str) 
 
 
 def evaluate_shift(folder: Path) -> None:
-    """Evaluates the policies that learned from most goal_conditioned demonstrations under the protocol `shift`."""
-    for algorithm in ALGORITHMS:
-        cell = Cell(algorithm, "goal_conditioned", COUNTS[-1], 1)
-        written = RESULTS.with_name("evaluation") / f"{algorithm}_shift.json"
-        if not written.exists():
-            policy, _ = train(folder, cell)
-            evaluate(folder, f"{cell.name}_shift", policy, written, "--protocol=shift")
+    """Evaluates what `bc` learned from most goal_conditioned demonstrations under the protocol `shift`."""
+    cell = Cell("bc", "goal_conditioned", COUNTS[-1], 1)
+    written = RESULTS.with_name("evaluation") / "bc_shift.json"
+    if not written.exists():
+        policy, _ = train(folder, cell)
+        evaluate(folder, f"{cell.name}_shift", policy, written, "--protocol=shift")
 
 
 def cells_of(cells: Sequence[Any], names: Sequence[str]) -> list[Any]:

@@ -5,10 +5,10 @@ python docs/experiments/offline.py FOLDER iql:mixed:1        some of them: algor
 python docs/experiments/offline.py FOLDER sets               records the sets, and writes what they hold
 python docs/experiments/offline.py FOLDER online             PPO from clones of the sets, in fast physics
 
-A baseline is a run of `kitchen-train` on a set, recorded by `kitchen-record --preset`, and evaluations of its policy
-after the last step by `kitchen-evaluate`; its JSON is written to results/offline/. Those with such a file are skipped.
-FOLDER keeps recordings, runs and finished episodes: the same command continues after an interrupt. It needs the extras
-`experts` and `train`. `docs/scripts/tables.py` makes the tables.
+A baseline is a run of docs/baselines/iql.py on a set, recorded by `kitchen-record --preset`: `iql` extracts the policy
+by weights, `idql` by flow matching. Its scores are written to results/offline/; those with such a file are skipped.
+FOLDER keeps recordings, runs and receipts: the same command continues after an interrupt, and `kitchen-replay` checks
+the receipts. It needs the extras `experts` and `train`. `docs/scripts/tables.py` makes the tables.
 """
 
 import collections
@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from imitation import call, evaluate, run
+from imitation import call, evaluate, run, run_baseline
 
-from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.versions import installed_versions, machine
 
 RESULTS = Path(__file__).parent / "results" / "offline"
@@ -38,16 +38,10 @@ RECORDED = (
     *((preset, VARIATIONS) for preset in ("play", "noisy")),
 )
 
-# What policies from each set are evaluated on: the task, and arguments of its environments.
-GOAL = {"goal_states": 1}
-TASKS: dict[str, tuple[tuple[str, dict[str, Any]], ...]] = {
-    **{preset: ((preset, {}),) for preset in ("complete", "partial", "mixed")},
-    "play": (("random_1", GOAL), ("random_4", GOAL)),
-}
-ALGORITHMS = {
-    **dict.fromkeys(("mixed", "partial", "complete"), ("offline_bc", "idql", "iql", "td3bc")),
-    "play": ("gcbc", "gciql"),
-}
+# Sets that baselines learn from; policies are evaluated on the task of the same name.
+PRESETS = ("mixed", "partial", "complete")
+# Flags of the baseline by algorithm.
+ALGORITHMS = {"iql": "--extraction=weights", "idql": "--extraction=flow"}
 SEEDS = (1, 2, 3)
 
 # Steps of the optimiser. Policies are those after the last one: none is chosen by its evaluations.
@@ -70,7 +64,7 @@ class Cell(NamedTuple):
     """A training and its evaluations.
 
     Attributes:
-      algorithm: value of `--algorithm`.
+      algorithm: `iql` or `idql`; `ppo` from a clone.
       preset: set of demonstrations.
       seed: of the training.
     """
@@ -90,12 +84,7 @@ class Cell(NamedTuple):
         return RESULTS / f"{self.name}.json"
 
 
-CELLS = [
-    Cell(algorithm, preset, seed)
-    for preset, algorithms in ALGORITHMS.items()
-    for seed in SEEDS
-    for algorithm in algorithms
-]
+CELLS = [Cell(algorithm, preset, seed) for preset in PRESETS for seed in SEEDS for algorithm in ALGORITHMS]
 
 
 def record(folder: Path, preset: str, variations: str = VARIATIONS) -> Path:
@@ -109,8 +98,8 @@ def record(folder: Path, preset: str, variations: str = VARIATIONS) -> Path:
 def describe(folder: Path, preset: str, variations: str) -> dict[str, Any]:
     """Records a set, and returns what it holds."""
     output = record(folder, preset, variations)
-    recording = RecordingFolder.open(output)
-    stats = [recording.load_stats(index) for index in recording.indices]
+    recording = Recording.open(output)
+    stats = [recording.load_summary(index) for index in recording.indices]
     counts = collections.Counter(len(each.metrics["tasks_completed"]) for each in stats)
     return {
         "preset": preset,
@@ -138,15 +127,15 @@ def write_sets(folder: Path) -> None:
 
 
 def train(folder: Path, cell: Cell, name: str, *flags: str) -> tuple[Path, float]:
-    """Trains a policy with some flags, or continues; returns its file, and the minutes of a processor."""
+    """Trains a policy by PPO with some flags, or continues; returns its file, and the minutes of a processor."""
     from kitchen_suite.training import checkpoints
-    from kitchen_suite.training.seed_run import LAST_POLICY_FILE
+    from kitchen_suite.training.run import LAST_POLICY_FILE
 
     demonstrations = record(folder, cell.preset)
-    output, (task, arguments) = folder / name, TASKS[cell.preset][0]
+    output = folder / name
     own = (
         f"--output={output}",
-        *(f"--task_name={task}", f"--task_kwargs={json.dumps(arguments)}", f"--variations={VARIATIONS}"),
+        *(f"--task_name={cell.preset}", f"--variations={VARIATIONS}"),
         *(f"--algorithm={cell.algorithm}", f"--demonstrations={demonstrations}", f"--seed={cell.seed}"),
         *("--num_threads=1", "--restarts=0", "--eval_episodes=10"),
         *(["--resume"] if (output / "training.json").exists() else []),
@@ -157,22 +146,31 @@ def train(folder: Path, cell: Cell, name: str, *flags: str) -> tuple[Path, float
     return output / f"seed_{cell.seed}" / LAST_POLICY_FILE, last.processor_seconds / 60
 
 
-def score(folder: Path, name: str, policy: Path, task: str, arguments: dict[str, Any]) -> dict[str, Any]:
+def score(folder: Path, name: str, policy: Path, task: str) -> dict[str, Any]:
     """Evaluates a policy on a task; returns its JSON, with the digest of the episodes."""
     name = f"{name}_{task}"
     written, receipt = folder / f"{name}.json", folder / f"{name}_receipt.npz"
-    given = (f"--task_name={task}", f"--task_kwargs={json.dumps(arguments)}", f"--variations={VARIATIONS}")
+    given = (f"--task_name={task}", f"--variations={VARIATIONS}")
     episodes = (f"--seed={FIRST_SEED}", f"--num_episodes={EPISODES}", f"--receipt={receipt}")
     evaluate(folder, name, policy, written, "--protocol=default", *given, *episodes)
-    result = json.loads(written.read_text("utf-8"))
+    return with_digest(json.loads(written.read_text("utf-8")), receipt)
+
+
+def with_digest(scores: dict[str, Any], receipt: Path) -> dict[str, Any]:
+    """Returns the scores of an evaluation with the digest of its episodes, from its receipt."""
     # There is one condition, whose numbers are those of the whole.
-    return {**{key: value for key, value in result.items() if key != "conditions"}, "digest": digest_of(receipt)}
+    return {**{key: value for key, value in scores.items() if key != "conditions"}, "digest": digest_of(receipt)}
 
 
 def measure(folder: Path, cell: Cell) -> None:
     """Trains and evaluates a policy, and writes its JSON."""
-    policy, minutes = train(folder, cell, cell.name, f"--num_steps={STEPS}", f"--eval_interval={STEPS}")
-    conditions = {task: score(folder, cell.name, policy, task, arguments) for task, arguments in TASKS[cell.preset]}
+    output = folder / cell.name
+    flags = (
+        *(ALGORITHMS[cell.algorithm], f"--num_steps={STEPS}", f"--seed={cell.seed}"),
+        *(f"--eval_seed={FIRST_SEED}", f"--eval_episodes={EPISODES}"),
+    )
+    scores, minutes = run_baseline("iql", record(folder, cell.preset), output, *flags)
+    conditions = {cell.preset: with_digest(scores, output / "receipt.npz")}
     result = {**cell._asdict(), "minutes": minutes, "machine": machine(), "conditions": conditions}
     RESULTS.mkdir(exist_ok=True)
     cell.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
@@ -190,7 +188,7 @@ def write_online(folder: Path) -> None:
             flags = (f"--num_steps={steps}", f"--eval_interval={max(steps, 1)}", "--target_success=1.1", "--patience=0")
             fast = ('--training_kwargs={"physics": "fast"}', f"--hyperparameters={json.dumps(SMALL_UPDATES)}")
             policy, minutes = train(folder, cell, name, *flags, *fast)
-            row[stage] = {"steps": steps, "minutes": minutes, **score(folder, name, policy, ONLINE_SET, {})}
+            row[stage] = {"steps": steps, "minutes": minutes, **score(folder, name, policy, ONLINE_SET)}
         rows.append(row)
         ONLINE.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
 

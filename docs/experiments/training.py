@@ -129,8 +129,8 @@ def measure(run: Run, folder: Path) -> dict[str, Any]:
 
 def successes(policy_file: Path, asked: Sequence[str]) -> list[int]:
     """Returns the number of episodes in which a policy succeeds, for each task that is asked of it."""
-    from kitchen_suite.training.learner import evaluate
-    from kitchen_suite.training.reinforcement import network_controller
+    from kitchen_suite.training.ppo import network_controller
+    from kitchen_suite.training.run import evaluate
 
     policy = TrainedPolicy.load(policy_file)
     spec = EnvironmentSpec.make(**{name: policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs")})

@@ -42,11 +42,11 @@ class Case:
 
     def __init__(self, name: str, threads: int) -> None:
         """Builds the learner of some settings; `threads` step its environments."""
-        from kitchen_suite.training.hyperparameters import Hyperparameters
-        from kitchen_suite.training.reinforcement import PPOLearner
+        from kitchen_suite.training.ppo import PPOLearner
+        from kitchen_suite.training.recipes import PPOHyperparameters
 
         self.name, self.threads = name, threads
-        self.config = Hyperparameters.for_domain("open_cabinet", SETTINGS[name])
+        self.config = PPOHyperparameters.for_domain("open_cabinet", SETTINGS[name])
         self.environments: Any = gymnasium.make_vec(
             OPEN_CABINET_ID,
             self.config.num_envs,
