@@ -7,29 +7,26 @@ their noise: the control mode `joint_velocity`.
 
 import collections
 import contextlib
+import dataclasses
 import importlib
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import tabulate
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import checks, files
+from kitchen_suite.datasets import minari
 from kitchen_suite.datasets.d4rl import POSITIONS
-from kitchen_suite.datasets.exports import record_file
-from kitchen_suite.datasets.formats import find_source
-from kitchen_suite.datasets.minari import MinariSource
 from kitchen_suite.entities import Scene
-from kitchen_suite.episodes.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, Step
-from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.episodes.episode import Episode, EpisodeBuffer, Step, flatten
+from kitchen_suite.episodes.recording import SPEC_FILE, Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import Present
-from kitchen_suite.settings import FAILURE, USAGE
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import FRANKA_SLICES, ROUNDING, SIZE, KitchenReading
@@ -38,6 +35,8 @@ from kitchen_suite.tasks.records import Metrics
 from kitchen_suite.versions import installed_versions
 
 ACTION_SIZE = 9  # Numbers of an action of the kitchen.
+
+_ORIGINAL_ID = "FrankaKitchen-v1"  # Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
 
 # An episode may ask for any number of the seven tasks; episodes go on after their last completion.
 _TASK_KWARGS: dict[str, Any] = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
@@ -73,9 +72,7 @@ class D4RLData:
         self.contents = {"sha256": files.file_digest(path)}
         for name in ("observations", "actions", "terminals"):
             if name not in arrays:
-                problem = f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals"
-                other = "one that kitchen-record made for another program needs its record beside it"
-                raise ValueError(f"{problem}; {other}, {record_file(path).name}")
+                raise ValueError(f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals")
         count = np.atleast_1d(arrays["observations"]).shape[0]
         shape = (count, 2 * POSITIONS.size)
         _check_shape(arrays["observations"], shape, f"observations of {path}", "30 positions and 30 goals")
@@ -113,40 +110,50 @@ class MinariData:
     format = "Minari"
     has_velocities = True
 
-    def __init__(self, source: MinariSource, name: str) -> None:
-        self._source, self._name, self.contents = source, name, {"episodes": len(source.indices), "steps": source.steps}
-        if source.spec is not None or not source.is_original:
-            problem = f"{name} is not of FrankaKitchen-v1, but of this suite, and no recording is made of it"
-            raise ValueError(f"{problem}: kitchen-replay plays it")
+    def __init__(self, dataset: Any, name: str) -> None:
+        """Takes a dataset that Minari has loaded; raises a ValueError if it is of another environment."""
+        self._dataset, self._name = dataset, name
+        with files.reading(dataset.storage.data_path, "the metadata of a dataset"):
+            environment = dataset.env_spec and dataset.env_spec.id
+            self.contents = {"episodes": dataset.total_episodes, "steps": dataset.total_steps}
+        if environment != _ORIGINAL_ID:
+            raise ValueError(f"{name} is a dataset of {environment}, not of {_ORIGINAL_ID}: no recording is made of it")
 
     def __len__(self) -> int:
-        return len(self._source.indices)
+        return self.contents["episodes"]
 
     def read(self) -> Iterator[Demonstration]:
         """Yields the episodes in order; a ValueError where one has another layout."""
-        for index in self._source.indices:
-            arrays, what = self._source.load(index).arrays, f"of episode {index} of {self._name}"
-            steps, key = len(arrays["reward"]), "observation/observation"
-            if key not in arrays:
+        for index in range(len(self)):
+            episode, what = minari.load_episode(self._dataset, index), f"of episode {index} of {self._name}"
+            parts, steps = flatten(episode.observations, "observation"), len(episode.rewards)
+            if "observation/observation" not in parts:
                 raise ValueError(f"the observations {what} have no part 'observation'")
-            _check_shape(arrays[key], (steps + 1, SIZE), f"observations {what}", "positions and velocities")
-            _check_actions(arrays["action"], steps, f"actions {what}")
+            observations, actions = parts["observation/observation"], np.asarray(episode.actions)
+            _check_shape(observations, (steps + 1, SIZE), f"observations {what}", "positions and velocities")
+            _check_actions(actions, steps, f"actions {what}")
             prefix = "observation/achieved_goal/"
-            achieved = {task: arrays[prefix + task] for task in DEFAULT_TASKS if prefix + task in arrays}
+            achieved = {task: parts[prefix + task] for task in DEFAULT_TASKS if prefix + task in parts}
             for task, goal in achieved.items():
                 _check_shape(goal, (steps + 1, len(GOALS[task].value)), f"goals of {task!r} {what}", "its joints")
-            yield Demonstration(arrays[key].astype(np.float64), arrays["action"], achieved, [*achieved])
+            yield Demonstration(observations.astype(np.float64), actions, achieved, [*achieved])
 
 
-def open_data(name: str, root: Path | None, scene: Scene) -> D4RLData | MinariData:
-    """Opens a file of D4RL by its path, or a Minari dataset by its name below `root`, or by its own folder."""
+def open_data(name: str, data_path: Path | None, scene: Scene) -> D4RLData | MinariData:
+    """Opens a file of D4RL by its path, or a Minari dataset by its name below `data_path`, or by its own folder."""
     path = Path(name)
     if path.suffix in (".hdf5", ".h5") or path.is_file():
         return D4RLData(path, scene)
-    source = find_source(name, root)
-    if not isinstance(source, MinariSource):
+    if (path / SPEC_FILE).is_file():
         raise ValueError(f"{name} is a recording of this suite already")
-    return MinariData(source, name)
+    with minari.folder(data_path):
+        dataset = minari.load(name)
+    if dataset is not None:
+        return MinariData(dataset, name)
+    if path.exists():
+        raise ValueError(f"{name} holds no Minari dataset")
+    problem = f"there is no folder {name}, and no Minari dataset of that name on this machine"
+    raise FileNotFoundError(f"{problem}; `minari download` gets datasets of Minari, whose names end in -v0")
 
 
 def _read_hdf5(path: Path) -> dict[str, NDArray]:
@@ -174,9 +181,7 @@ def _check_actions(actions: NDArray, steps: int, what: str) -> None:
         raise ValueError(f"{problem}; absolute positions, as Diffusion Policy has them, are not converted")
 
 
-def convert(
-    environment: SuiteEnv, index: int, demonstration: Demonstration
-) -> tuple[EpisodeArrays, Metrics, list[str]]:
+def as_episode(environment: SuiteEnv, index: int, demonstration: Demonstration) -> tuple[Episode, Metrics, list[str]]:
     """Converts a demonstration to an episode that asks for the tasks that it completes, in the order of completion.
 
     Rewards, completions and infos are those that the task's MDP computes from the recorded positions. Of `environment`,
@@ -213,7 +218,7 @@ def convert(
         buffer.add(outcome, observe(step, state), _info(task, state, step))
     completed = task.requests.tasks_in(order)
     instruction = task.requests.instructions_in(order)[0] if completed else ""
-    episode = EpisodeArrays(index=index, seed=None, arrays=buffer.arrays(), instruction=instruction)
+    episode = Episode(index=index, seed=None, arrays=buffer.arrays(), instruction=instruction)
     return episode, {**task.records.metrics(episode.last_info), "success": bool(completed)}, completed
 
 
@@ -222,47 +227,69 @@ def _info(task: KitchenTask, state: KitchenState, step: int) -> dict[str, Any]:
     return {**info, "is_success": np.array(info["is_success"]), "episode_step": np.array(step)}
 
 
-class HumanDataJob:
-    """Converts demonstrations to a recording."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ImportedData:
+    """Contents of demonstrations of which a recording was made.
 
-    errors: ClassVar = {ValueError: USAGE, OSError: FAILURE}
+    Attributes:
+      format: `D4RL` or `Minari`.
+      episodes: number of episodes.
+      steps: number of control steps.
+      goals: tasks whose goals were recorded.
+      completions: number of episodes that complete each task.
+      counts: number of episodes by the number of tasks that they complete.
+      has_velocities: whether velocities were recorded; policies learn from positions alone without them.
+    """
 
-    def __init__(self, source: str, output: Path, data_path: Path | None) -> None:
-        """Opens the data of a file, or of a dataset below `data_path`, and starts the recording in a folder."""
-        self._source, self._output = source, output
-        base = EnvironmentSpec.make(domain_name="kitchen", task_name="all", task_kwargs=_TASK_KWARGS)
-        self._environment = suite_env(base.make_environment())
-        self._task = self._environment.composer_task
-        self._data = open_data(source, data_path, self._task.scene)
-        if not len(self._data):
+    format: str
+    episodes: int
+    steps: int
+    goals: frozenset[str]
+    completions: Mapping[str, int]
+    counts: Mapping[int, int]
+    has_velocities: bool
+
+
+def import_human(source: str, output: Path, data_path: Path | None = None) -> ImportedData:
+    """Makes a recording of demonstrations, or completes it.
+
+    Args:
+      source: file of D4RL, or name or folder of a Minari dataset.
+      output: folder of the recording.
+      data_path: folder of all Minari datasets; Minari's own when omitted.
+
+    Raises:
+      ImportError: a package is missing that reads the data.
+      OSError: the data cannot be read, or the recording not be written.
+      ValueError: the data are of another layout, or the folder has another recording.
+    """
+    base = EnvironmentSpec.make(domain_name="kitchen", task_name="all", task_kwargs=_TASK_KWARGS)
+    with contextlib.closing(base.make_environment()) as made:
+        environment = suite_env(made)
+        task: KitchenTask = environment.composer_task
+        data = open_data(source, data_path, task.scene)
+        if not len(data):
             raise ValueError(f"{source} holds no episodes of two or more observations")
-        origin, versions = {"format": self._data.format, "source": source, **self._data.contents}, installed_versions()
+        origin, versions = {"format": data.format, "source": source, **data.contents}, installed_versions()
         spec = EpisodeSpec(**vars(base), policy="human", seed=0, seeding="gymnasium", versions=versions, origin=origin)
-        self._folder = RecordingFolder.claim(output, spec)
-        self._finished = 0
-
-    def progress(self) -> str:
-        return f"after {self._finished} of {len(self._data)} episodes; the same command completes the recording"
-
-    def run(self) -> bool:
-        tasks, numbers = collections.Counter[str](), collections.Counter[int]()
+        folder = Recording.claim(output, spec)
+        completions, counts = dict.fromkeys(task.policy_inputs.tasks, 0), collections.Counter[int]()
         goals, steps = set[str](), 0
-        demonstrations = tqdm(self._data.read(), total=len(self._data), disable=None, leave=False)
-        with contextlib.closing(self._environment):
-            for index, demonstration in enumerate(demonstrations):
-                episode, metrics, completed = convert(self._environment, index, demonstration)
-                self._folder.save(episode, EpisodeStats.of(episode, metrics))
-                tasks.update(completed)
-                numbers[len(completed)] += 1
-                goals |= {*demonstration.goals}
-                steps += episode.steps
-                self._finished += 1
-        print(f"{self._finished} episodes of {self._source} ({self._data.format}), {steps} control steps")
-        print(f"goals of the data: {', '.join(sorted(goals)) or 'none of the suite'}\n")
-        by_task = [(task, tasks[task]) for task in self._task.policy_inputs.tasks]
-        print(tabulate.tabulate(by_task, ("task", "episodes that complete it"), tablefmt="simple"), "\n")
-        print(tabulate.tabulate(sorted(numbers.items()), ("tasks completed", "episodes"), tablefmt="simple"), "\n")
-        if not self._data.has_velocities:
-            print("velocities were not recorded: policies that are trained on these episodes act on positions alone")
-        print(f"recording in {self._output}")
-        return True
+        demonstrations = tqdm(data.read(), total=len(data), disable=None, leave=False)
+        for index, demonstration in enumerate(demonstrations):
+            episode, metrics, completed = as_episode(environment, index, demonstration)
+            folder.append(dataclasses.replace(episode, metrics=metrics))
+            for name in completed:
+                completions[name] += 1
+            counts[len(completed)] += 1
+            goals |= {*demonstration.goals}
+            steps += episode.steps
+    return ImportedData(
+        format=data.format,
+        episodes=len(data),
+        steps=steps,
+        goals=frozenset(goals),
+        completions=completions,
+        counts=counts,
+        has_velocities=data.has_velocities,
+    )

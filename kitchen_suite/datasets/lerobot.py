@@ -11,26 +11,27 @@ import hashlib
 import importlib
 import logging
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
-from kitchen_suite.datasets.formats import LEROBOT, DatasetPlan, Source
-from kitchen_suite.episodes.episode import EpisodeArrays, unflatten
-from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.episodes.episode import PHYSICS_STATE, Episode, unflatten
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import picture_key
 from kitchen_suite.tasks.policy_inputs import PICTURE_AXES
 
-# Files of a dataset: with what LeRobot's lack, the specification of the recording and the episodes; one that all have.
-RECORDING_FILE, INFO_FILE = Path("meta", "kitchen_suite.json"), Path("meta", "info.json")
+# Observation types of the suite that LeRobot has as well.
+OBS_TYPES = ("environment_state_agent_pos", "pixels_agent_pos", "pixels_environment_state_agent_pos")
+
+# File of a dataset with what LeRobot's own lack: the specification of the recording, and the episodes.
+RECORDING_FILE = Path("meta", "kitchen_suite.json")
 
 # There are no videos; where none is named, LeRobot loads another one, and prints the errors if that fails.
 _VIDEO_BACKEND = "pyav"
@@ -42,9 +43,6 @@ _COLUMNS = {AGENT_POS: f"{_PREFIX}state", ENVIRONMENT_STATE: f"{_PREFIX}{ENVIRON
 _IMAGES = f"{_PREFIX}images."
 _ACTION, _REWARD = "action", "next.reward"
 _DONE, _TRUNCATED, _SUCCESS = "next.done", "next.truncated", "next.success"
-_OWN_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index")  # Columns that LeRobot adds.
-
-DIGEST = "digest"  # Name of the array that stands for all numbers of an episode; see `digest`.
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,11 +70,11 @@ class LeRobotObservations:
     """
 
     def __init__(self, environment: SuiteEnv) -> None:
-        """Raises a ValueError for an environment whose observation type is none of `formats.LEROBOT`."""
+        """Raises a ValueError for an environment whose observation type is none of `OBS_TYPES`."""
         given = environment.observation_space
         found = {*given.spaces} if isinstance(given, spaces.Dict) else set()
         if AGENT_POS not in found:
-            raise ValueError(f"LeRobot needs obs_type={' or '.join(map(repr, LEROBOT.obs_types))}")
+            raise ValueError(f"LeRobot needs obs_type={' or '.join(map(repr, OBS_TYPES))}")
         assert isinstance(given, spaces.Dict)
         if refused := sorted(found & {"depth", "segmentation", "goal_pixels"}):
             raise ValueError(f"LeRobot's policies do not read {' and '.join(refused)}: leave it out")
@@ -109,7 +107,7 @@ class LeRobotObservations:
             laid_out[PIXELS] = self._by_camera(observation[PIXELS])
         return laid_out
 
-    def columns(self, episode: EpisodeArrays) -> dict[str, NDArray]:
+    def columns(self, episode: Episode) -> dict[str, NDArray]:
         """Returns the columns of an episode of `T` control steps in a dataset: `(T, ...)` each.
 
         Numbers are float32. A row has an observation, its action, and the outcome `next.*`; none has the last one.
@@ -127,36 +125,6 @@ class LeRobotObservations:
             _TRUNCATED: arrays["truncation"],
             _SUCCESS: arrays["info/is_success"][1:].astype(bool),
         }
-
-    def arrays(self, columns: Mapping[str, NDArray], digest: str) -> dict[str, NDArray]:
-        """Returns the arrays of an episode that its columns hold, by the names of `EpisodeArrays`.
-
-        Observations lack the last one. `digest` is that of the episode, as an array of bytes.
-        """
-        states = columns.get(_COLUMNS[ENVIRONMENT_STATE])
-        arrays = {f"observation/{AGENT_POS}": columns[_COLUMNS[AGENT_POS]]}
-        if self._state_size and states is not None:
-            arrays[f"observation/{ENVIRONMENT_STATE}"] = states[:, : self._state_size]
-        start = self._state_size
-        for key, size in self._extra_sizes.items():
-            assert states is not None
-            arrays[f"observation/{key}"], start = states[:, start : start + size], start + size
-        pictures = {camera: columns[f"{_IMAGES}{camera}"] for camera in self._cameras}
-        return {
-            **arrays,
-            **{f"observation/{PIXELS}/{camera}": rows for camera, rows in pictures.items()},
-            "action": columns[_ACTION],
-            "reward": columns[_REWARD],
-            "termination": columns[_DONE] & ~columns[_TRUNCATED],
-            "truncation": columns[_TRUNCATED],
-            "info/is_success": columns[_SUCCESS],
-            DIGEST: np.frombuffer(bytes.fromhex(digest), np.uint8),
-        }
-
-    def projected(self, episode: EpisodeArrays) -> EpisodeArrays:
-        """Returns an episode with the arrays that would be read back from a dataset of it."""
-        arrays = self.arrays(self.columns(episode), digest(episode))
-        return dataclasses.replace(episode, arrays=arrays)
 
     def _environment_keys(self, keys: Mapping[str, Any]) -> list[str]:
         return [*([ENVIRONMENT_STATE] if ENVIRONMENT_STATE in keys else []), *self._extra_sizes]
@@ -185,14 +153,16 @@ def _shape(space: spaces.Space) -> tuple[int, ...]:
     return space.shape
 
 
-def digest(episode: EpisodeArrays) -> str:
-    """Returns a SHA-256 of names, types, shapes and contents of all arrays of an episode but labels and pictures.
+def digest(episode: Episode) -> str:
+    """Returns a SHA-256 of names, types, shapes and contents of the arrays of an episode that an agent sees in numbers.
 
-    These arrays have all digits, the observation after the last step, and the infos, which datasets do not hold.
+    These are all but labels, pictures and the physics state. They have all digits, the observation after the last step,
+    and the infos, which datasets do not hold.
     """
     hashed = hashlib.sha256()
     for name, array in sorted(episode.arrays.items()):
-        if not (name in episode.labels or (name.startswith("observation/") and array.ndim == 1 + PICTURE_AXES)):
+        is_picture = name.startswith("observation/") and array.ndim == 1 + PICTURE_AXES
+        if not (is_picture or name in episode.labels or name == PHYSICS_STATE):
             hashed.update(f"{name} {array.dtype.str} {array.shape} ".encode())
             hashed.update(np.ascontiguousarray(array).tobytes())
     return hashed.hexdigest()
@@ -235,102 +205,47 @@ class _Record:
     episodes: list[RecordedEpisode]
 
 
-class LeRobotPlan(DatasetPlan):
-    """A LeRobot dataset; its name is `NAMESPACE/NAME`."""
+def write(path: Path, spec: EpisodeSpec, episodes: Iterable[Episode]) -> None:
+    """Writes a dataset, whose id is made of the last two parts of the path, `NAMESPACE/NAME`.
 
-    def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
-        super().__init__(dataset_id, spec, count, root)
-        self._library = import_lerobot()
-        self.path = home(root) / dataset_id
-        self._check_name("a LeRobot dataset")
-        if not self.is_missing:
-            record = load_record(self.path)
-            self._check_same(record.recording, record.num_episodes)
-
-    @property
-    def seeds(self) -> list[int]:
-        return [episode.seed for episode in load_record(self.path).episodes]
-
-    def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
+    Raises a ValueError for an observation type that LeRobot does not have, and an ImportError without LeRobot.
+    """
+    library, dataset_id = import_lerobot(), "/".join(path.parts[-2:])
+    with contextlib.closing(spec.make_environment()) as environment, files.atomic_folder(path) as elsewhere, _quietly():
         inner = suite_env(environment)
         observations, fps = LeRobotObservations(inner), frames_per_second(inner)
-        with files.atomic_folder(self.path) as elsewhere, _quietly():
-            features = dataset_features(observations.features)
-            options = {"use_videos": False, "video_backend": _VIDEO_BACKEND}
-            options["robot_type"] = inner.composer_task.robot.mjcf_model.model
-            dataset = self._library.LeRobotDataset.create(self.dataset_id, fps, features, root=elsewhere, **options)
-            episodes = []
-            for index in indices:
-                episode = folder.load(index)
-                self._add(dataset, episode, observations)
-                assert episode.seed is not None
-                episodes.append(RecordedEpisode(index=index, seed=episode.seed, sha256=digest(episode)))
-            dataset.finalize()
-            spec, frequency = self.spec.as_json(), float(inner.metadata["render_fps"])
-            record = _Record(recording=spec, num_episodes=self.count, control_frequency=frequency, episodes=episodes)
-            files.write_json(elsewhere / RECORDING_FILE, dataclasses.asdict(record))
-
-    def _add(self, dataset: Any, episode: EpisodeArrays, observations: LeRobotObservations) -> None:
-        # LeRobot has single numbers as arrays of shape (1,).
-        found = observations.columns(episode)
-        columns = {name: rows[:, np.newaxis] if rows.ndim == 1 else rows for name, rows in found.items()}
-        task = episode.instruction or self.spec.task_name.replace("_", " ")
-        for step in range(episode.steps):
-            dataset.add_frame({**{name: rows[step] for name, rows in columns.items()}, "task": task})
-        dataset.save_episode()
+        features = dataset_features(observations.features)
+        options = {"use_videos": False, "video_backend": _VIDEO_BACKEND}
+        options["robot_type"] = inner.composer_task.robot.mjcf_model.model
+        dataset = library.LeRobotDataset.create(dataset_id, fps, features, root=elsewhere, **options)
+        recorded = []
+        for episode in episodes:
+            _add(dataset, episode, observations.columns(episode), spec)
+            assert episode.seed is not None
+            recorded.append(RecordedEpisode(index=episode.index, seed=episode.seed, sha256=digest(episode)))
+        dataset.finalize()
+        record = _Record(
+            recording=spec.as_json(),
+            # As many as were recorded, unless the physics of the last ones diverged.
+            num_episodes=recorded[-1].index + 1,
+            control_frequency=float(inner.metadata["render_fps"]),
+            episodes=recorded,
+        )
+        files.write_json(elsewhere / RECORDING_FILE, dataclasses.asdict(record))
 
 
-class LeRobotSource(Source):
-    """A dataset that `LeRobotPlan` has made."""
-
-    def __init__(self, folder: Path) -> None:
-        """Opens a dataset; raises an ImportError without LeRobot, and an OSError if the dataset cannot be read.
-
-        Raises a ValueError if another program has made it, so that the seeds of its episodes are not known.
-        """
-        if not (folder / RECORDING_FILE).is_file():
-            raise ValueError(f"{folder} is no dataset of kitchen-record, which writes the seeds to {RECORDING_FILE}")
-        self._record, self._folder = load_record(folder), folder
-        with files.reading(self._folder, "the specification of a recording"):
-            self.spec = self._spec = EpisodeSpec.from_json(self._record.recording)
-        library = import_lerobot()
-        with files.reading(self._folder, "a LeRobot dataset"), _quietly():
-            self._dataset = library.LeRobotDataset(folder.name, root=folder, video_backend=_VIDEO_BACKEND)
-            self._rows = self._dataset.hf_dataset.with_format("numpy")
-        if self._dataset.num_episodes != len(self._record.episodes):
-            raise ValueError(f"{folder} has other episodes than its {RECORDING_FILE}: it was changed after recording")
-        self.indices = range(len(self._record.episodes))
-
-    def make_environment(self, **rendering: Any) -> gymnasium.Env:
-        environment = self._spec.make_environment(**rendering)
-        self._observations = LeRobotObservations(suite_env(environment))
-        return environment
-
-    def load(self, index: int) -> EpisodeArrays:
-        """Reads an episode, with the arrays of `LeRobotObservations.arrays`."""
-        recorded = self._record.episodes[index]
-        with files.reading(self._folder, f"episode {index}"):
-            bounds = self._dataset.meta.episodes[index]
-            rows = self._rows[bounds["dataset_from_index"] : bounds["dataset_to_index"]]
-            columns = {name: np.asarray(array) for name, array in rows.items() if name not in _OWN_COLUMNS}
-            arrays, sentence = self._observations.arrays(columns, recorded.sha256), str(bounds["tasks"][0])
-            return EpisodeArrays(index=index, seed=recorded.seed, arrays=arrays, instruction=sentence)
-
-    def projected(self, replayed: EpisodeArrays) -> EpisodeArrays:
-        return self._observations.projected(replayed)
+def _add(dataset: Any, episode: Episode, columns: Mapping[str, NDArray], spec: EpisodeSpec) -> None:
+    # LeRobot has single numbers as arrays of shape (1,).
+    rows = {name: each[:, np.newaxis] if each.ndim == 1 else each for name, each in columns.items()}
+    task = episode.instruction or spec.task_name.replace("_", " ")
+    for step in range(episode.steps):
+        dataset.add_frame({**{name: each[step] for name, each in rows.items()}, "task": task})
+    dataset.save_episode()
 
 
-def find(name: str, root: Path | None) -> LeRobotSource | None:
-    """Returns the dataset of a name or in a folder, None if there is none; see `formats.Format.source`."""
-    for folder in (Path(name), home(root) / name):
-        if (folder / INFO_FILE).is_file():
-            return LeRobotSource(folder)
-    return None
-
-
-def load_record(folder: Path) -> _Record:
-    """Returns what `RECORDING_FILE` of a dataset holds; raises an OSError if it cannot be read."""
-    return files.load_record(folder / RECORDING_FILE, _Record, "a recording")
+def folder(path: Path | None) -> AbstractContextManager[Path]:
+    """Returns a context with the folder of all datasets: the given one, or LeRobot's own for None."""
+    return contextlib.nullcontext(home(path))
 
 
 def home(root: Path | None = None) -> Path:

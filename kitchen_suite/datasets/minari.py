@@ -2,209 +2,163 @@
 
 import contextlib
 import importlib
+import itertools
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from kitchen_suite import checks, files, gymnasium_env
-from kitchen_suite.datasets.formats import DatasetPlan, Source
-from kitchen_suite.episodes.episode import EpisodeArrays, flatten, unflatten
-from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite import checks, files
+from kitchen_suite.episodes.episode import Episode, unflatten
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.tasks.policy_inputs import PICTURE_AXES
 
-# Keys of the metadata of a dataset, the specification of the recording and the number of episodes asked for; and of
-# those of an episode: the task's sentence, the digest of the actions, and the names of their labels, after commas.
-SPEC_KEY, _COUNT_KEY = "kitchen_suite_recording", "kitchen_suite_num_episodes"
-_EPISODE_KEYS = INSTRUCTION_KEY, _ACTIONS_KEY, _LABELS_KEY = "instruction", "actions_sha256", "kitchen_suite_labels"
+# Keys of the metadata of a dataset: the specification of the recording, and the number of episodes asked for.
+SPEC_KEY = "kitchen_suite_recording"
+_COUNT_KEY = "kitchen_suite_num_episodes"
+
+# Keys of the metadata of an episode: the task's sentence, the digest of the actions, and the names of their labels,
+# with commas between them.
+_INSTRUCTION_KEY = "instruction"
+_ACTIONS_KEY = "actions_sha256"
+_LABELS_KEY = "kitchen_suite_labels"
 
 _CHUNK = 20  # Number of episodes in memory at the same time.
 
-# Minari's file of all episodes. Greatest sizes of an empty dataset, and of an array beside its elements [bytes].
-_DATA_FILE = "main_data.hdf5"
-_EMPTY_BYTES, _ARRAY_BYTES = 2**16, 2**13
-
-_ORIGINAL_ID = "FrankaKitchen-v1"  # Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
+_DATA_FILE = "main_data.hdf5"  # Minari's file of all episodes.
 
 _ROOT_VARIABLE = "MINARI_DATASETS_PATH"
 
 
-class MinariPlan(DatasetPlan):
-    """A Minari dataset; its name ends in a version, such as `-v0`."""
+def write(path: Path, spec: EpisodeSpec, episodes: Iterable[Episode]) -> None:
+    """Writes a dataset to a path in Minari's folder of datasets; the rest of the path is its name, such as `me/set-v0`.
 
-    def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
-        super().__init__(dataset_id, spec, count, root)
-        self._minari = import_minari()
-        check_id(dataset_id)
-        with minari_root(root):
-            self.path = absolute_root() / dataset_id
-        if not self.is_missing:
-            with minari_root(root), files.reading(self.path, "a Minari dataset"):
-                metadata = self._minari.load_dataset(dataset_id).storage.metadata
-            self._check_same(metadata.get(SPEC_KEY), metadata.get(_COUNT_KEY))
+    Labels of actions are infos of the steps that they make, 0 at the reset, as in gym-hil.
 
-    @property
-    def seeds(self) -> list[int | None]:
-        with minari_root(self._root), files.reading(self.path, "a Minari dataset"):
-            storage = self._minari.load_dataset(self.dataset_id).storage
-            return [about.get("seed") for about in storage.get_episode_metadata(range(storage.total_episodes))]
-
-    def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
+    Raises a ValueError for a path that Minari would not find, and an ImportError without Minari.
+    """
+    minari = import_minari()
+    root = _datasets_root()
+    if not path.absolute().is_relative_to(root):
+        raise ValueError(f"{path} is not in Minari's folder of datasets, {root}")
+    dataset_id = path.absolute().relative_to(root).as_posix()
+    check_id(dataset_id)
+    with contextlib.closing(spec.make_environment()) as environment, _written_elsewhere(minari, path, dataset_id):
         has_pictures = suite_env(environment).observations.has_pictures
-        with minari_root(self._root), self._write_elsewhere():
-            # Minari's JPEG would change pictures.
-            dataset = self._create(environment, **({"jpeg_encoding": False} if has_pictures else {}))
-            data_file = dataset.storage.data_path / _DATA_FILE
-            for start in range(0, len(indices), _CHUNK):
-                episodes = [folder.load(index) for index in indices[start : start + _CHUNK]]
-                # Half of a chunk may be empty. HDF5 cuts off at the end what it has not used.
-                arrays = [array for episode in episodes for array in episode.arrays.values()]
-                files.reserve(data_file, sum(_ARRAY_BYTES + 2 * array.nbytes for array in arrays))
-                dataset.update_dataset_from_buffer([self._buffer(episode) for episode in episodes])
-                rows = [(each.instruction, each.actions_sha256, ",".join(each.labels)) for each in episodes]
-                metadata = [{key: text for key, text in zip(_EPISODE_KEYS, row, strict=True) if text} for row in rows]
-                dataset.storage.update_episode_metadata(metadata, range(start, start + len(episodes)))
-            if has_pictures:
-                _compress(data_file)
-                dataset.storage.update_metadata({"dataset_size": dataset.storage.get_size()})
-            dataset.storage.update_metadata({SPEC_KEY: self.spec.as_json(), _COUNT_KEY: self.count})
+        # Minari's JPEG would change pictures.
+        options = {"jpeg_encoding": False} if has_pictures else {}
+        dataset = _create(minari, dataset_id, spec, environment, **options)
+        storage = dataset.storage
+        remaining = iter(episodes)
+        written, last = 0, 0
+        while chunk := list(itertools.islice(remaining, _CHUNK)):
+            dataset.update_dataset_from_buffer([_buffer(minari, episode) for episode in chunk])
+            storage.update_episode_metadata(list(map(_metadata, chunk)), range(written, written + len(chunk)))
+            written += len(chunk)
+            last = chunk[-1].index
+        if has_pictures:
+            _compress(storage.data_path / _DATA_FILE)
+            storage.update_metadata({"dataset_size": storage.get_size()})
+        # As many episodes as were recorded, unless the physics of the last ones diverged.
+        storage.update_metadata({SPEC_KEY: spec.as_json(), _COUNT_KEY: last + 1})
 
-    @contextlib.contextmanager
-    def _write_elsewhere(self) -> Iterator[None]:
-        """Lets Minari write to a hidden folder, which becomes the dataset if nothing fails."""
-        root = absolute_root()
-        with files.temporary_folder(root / "kitchen-record") as elsewhere:
-            elsewhere.mkdir()
-            files.reserve(elsewhere / _DATA_FILE, _EMPTY_BYTES)
-            (elsewhere / _DATA_FILE).unlink()
-            with minari_root(elsewhere):
-                yield
-            namespace, api = self.dataset_id.rpartition("/")[0], self._minari.namespace
-            if namespace and namespace not in api.list_local_namespaces():
-                api.create_namespace(namespace)
-            os.rename(elsewhere / self.dataset_id, root / self.dataset_id)
 
-    def _create(self, environment: gymnasium.Env, **options: Any) -> Any:
-        spec = self.spec
-        with warnings.catch_warnings():
-            # About optional metadata: author, permalink, and another environment for evaluation.
-            warnings.filterwarnings("ignore", r"`\w+` is set to None")
-            return self._minari.create_dataset_from_buffers(
-                self.dataset_id,
-                [],
-                env=environment,
-                algorithm_name=spec.policy,
-                description=f"Policy {spec.policy} in task {spec.task_name} of domain {spec.domain_name}; "
-                "reset with an episode's seed, the recovered environment plays it again.",
-                # Another version computes other last bits.
-                requirements=[f"mujoco=={spec.versions['mujoco']}"],
-                **options,
-            )
+@contextlib.contextmanager
+def _written_elsewhere(minari: Any, path: Path, dataset_id: str) -> Iterator[None]:
+    """Lets Minari write to a hidden folder, of which the dataset gets its path if nothing fails."""
+    root = _datasets_root()
+    with files.temporary_folder(root / "kitchen-convert") as elsewhere:
+        elsewhere.mkdir()
+        with folder(elsewhere):
+            yield
+        namespace = dataset_id.rpartition("/")[0]
+        if namespace and namespace not in minari.namespace.list_local_namespaces():
+            minari.namespace.create_namespace(namespace)
+        os.rename(elsewhere / dataset_id, path)
 
-    def _buffer(self, episode: EpisodeArrays) -> Any:
-        arrays = episode.arrays
-        return self._minari.data_collector.EpisodeBuffer(
-            seed=episode.seed,
-            observations=unflatten(arrays, "observation"),
-            actions=arrays["action"],
-            rewards=arrays["reward"],
-            terminations=arrays["termination"],
-            truncations=arrays["truncation"],
-            # Labels of actions are infos of the steps that they make, 0 at the reset, as in gym-hil.
-            infos={
-                **{name.removeprefix("info/"): array for name, array in arrays.items() if name.startswith("info/")},
-                **{
-                    name.removeprefix("label/"): np.concatenate([np.zeros_like(rows[:1]), rows])
-                    for name, rows in episode.labels.items()
-                },
-            },
+
+def _create(minari: Any, dataset_id: str, spec: EpisodeSpec, environment: gymnasium.Env, **options: Any) -> Any:
+    """Returns a new dataset without episodes."""
+    with warnings.catch_warnings():
+        # About optional metadata: author, permalink, and another environment for evaluation.
+        warnings.filterwarnings("ignore", r"`\w+` is set to None")
+        return minari.create_dataset_from_buffers(
+            dataset_id,
+            [],
+            env=environment,
+            algorithm_name=spec.policy,
+            description=f"Policy {spec.policy} in task {spec.task_name} of domain {spec.domain_name}; "
+            "reset with an episode's seed, the recovered environment plays it again.",
+            # Another version computes other last bits.
+            requirements=[f"mujoco=={spec.versions['mujoco']}"],
+            **options,
         )
 
 
-class MinariSource(Source):
-    """A Minari dataset of the suite's environments, or of Gymnasium-Robotics' kitchen, of `steps` control steps."""
-
-    def __init__(self, dataset: Any) -> None:
-        """Takes a dataset that Minari has loaded; raises a ValueError if it is of another environment."""
-        self._dataset = dataset
-        with files.reading(self._dataset.storage.data_path, "the metadata of a dataset"):
-            spec = dataset.storage.metadata.get(SPEC_KEY)
-            self.spec = None if spec is None else EpisodeSpec.from_json(spec)
-            self._env_spec, self.indices = dataset.env_spec, range(dataset.total_episodes)
-            self.steps = dataset.storage.total_steps
-        found = self._env_spec and self._env_spec.id
-        if found not in (_ORIGINAL_ID, *gymnasium_env.IDS.values(), *gymnasium_env.TASK_IDS.values()):
-            raise ValueError(f"dataset {dataset.id} is not of a domain of the suite, but of {found}")
-
-    @property
-    def is_original(self) -> bool:
-        """Whether the dataset is of Gymnasium-Robotics' kitchen."""
-        return self._env_spec.id == _ORIGINAL_ID
-
-    def make_environment(self, **rendering: Any) -> gymnasium.Env:
-        env_spec = self._env_spec
-        env_id = gymnasium_env.KITCHEN_ID if self.is_original else env_spec.id
-        arguments = {name: value for name, value in env_spec.kwargs.items() if name != "render_mode"}
-        # -1: no limit.
-        limit = env_spec.max_episode_steps or -1
-        return gymnasium.make(env_id, max_episode_steps=limit, **{**rendering, **arguments})
-
-    def load(self, index: int) -> EpisodeArrays:
-        with files.reading(self._dataset.storage.data_path, f"episode {index}"):
-            _check_episode_size(self._dataset.storage.data_path, index)
-            (data,) = self._dataset.iterate_episodes([index])
-            (metadata,) = self._dataset.storage.get_episode_metadata([index])
-            infos = {name: np.asarray(array) for name, array in flatten(data.infos or {}, "info").items()}
-            rows = (len(data.rewards) + 1,)
-            arrays = {
-                **flatten(data.observations, "observation"),
-                # Other programs also keep strings, or lack the reset's infos.
-                **{name: each for name, each in infos.items() if each.dtype.kind in "biuf" and each.shape[:1] == rows},
-                "action": data.actions,
-                "reward": data.rewards,
-                "termination": data.terminations,
-                "truncation": data.truncations,
-            }
-            for label in filter(None, str(metadata.get(_LABELS_KEY, "")).split(",")):
-                arrays[label] = arrays.pop(label.replace("label", "info", 1))[1:]
-            seed, sentence = metadata.get("seed"), str(metadata.get(INSTRUCTION_KEY, ""))
-            seed = None if seed is None else int(seed)
-            episode = EpisodeArrays(index=index, seed=seed, arrays=arrays, instruction=sentence)
-            episode.check(metadata.get(_ACTIONS_KEY))
-        return episode
+def _buffer(minari: Any, episode: Episode) -> Any:
+    """Returns an episode as Minari's collector does."""
+    arrays = episode.arrays
+    infos = {name.removeprefix("info/"): array for name, array in arrays.items() if name.startswith("info/")}
+    for name, rows in episode.labels.items():
+        infos[name.removeprefix("label/")] = np.concatenate([np.zeros_like(rows[:1]), rows])
+    return minari.data_collector.EpisodeBuffer(
+        seed=episode.seed,
+        observations=unflatten(arrays, "observation"),
+        actions=arrays["action"],
+        rewards=arrays["reward"],
+        terminations=arrays["termination"],
+        truncations=arrays["truncation"],
+        infos=infos,
+    )
 
 
-def find(name: str, root: Path | None) -> MinariSource | None:
-    """Returns the dataset of a name or in a folder, None if there is none; see `formats.Format.source`."""
+def _metadata(episode: Episode) -> dict[str, str]:
+    """Returns what is kept of an episode beside its arrays and what Minari keeps, where there is something."""
+    texts = {
+        _INSTRUCTION_KEY: episode.instruction,
+        _ACTIONS_KEY: episode.actions_sha256,
+        _LABELS_KEY: ",".join(episode.labels),
+    }
+    return {key: text for key, text in texts.items() if text}
+
+
+def load(name: str) -> Any:
+    """Opens the dataset of a name in Minari's folder of datasets, or in a folder of its own; None if there is none.
+
+    Raises an OSError if it cannot be read, and a ValueError for a malformed name.
+    """
+    minari = import_minari()
     for data in (Path(name), Path(name, "data")):
         if (data / "metadata.json").is_file():
-            return MinariSource(_load_dataset(import_minari().MinariDataset, data))
+            with files.reading(data, "a Minari dataset"):
+                return minari.MinariDataset(data)
     if Path(name).exists() or not re.search(r"-v\d+$", name):
         return None
-    minari = import_minari()
     check_id(name)
-    with minari_root(root):
-        if not (absolute_root() / name / "data").exists():
-            return None
-        return MinariSource(_load_dataset(minari.load_dataset, name))
-
-
-def _load_dataset(load: Callable[[Any], Any], name: str | Path) -> Any:
+    if not (_datasets_root() / name / "data").exists():
+        return None
     with files.reading(Path(name), "a Minari dataset"):
-        return load(name)
+        return minari.load_dataset(name)
+
+
+def load_episode(dataset: Any, index: int) -> Any:
+    """Returns an episode of a dataset as Minari has it; an OSError if it cannot be read, or is too large."""
+    data_path = dataset.storage.data_path
+    with files.reading(data_path, f"episode {index}"):
+        _check_episode_size(data_path, index)
+        (episode,) = dataset.iterate_episodes([index])
+        return episode
 
 
 def _compress(path: Path) -> None:
     """Compresses the pictures in an HDF5 file, each by itself and without loss; readers need not know."""
     h5py, compressed = importlib.import_module("h5py"), path.with_suffix(".compressed")
-    files.reserve(compressed, path.stat().st_size)
     with h5py.File(path, "r") as source, h5py.File(compressed, "w") as target:
 
         def copy(name: str, item: Any) -> None:
@@ -224,13 +178,13 @@ def _compress(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def minari_root(path: Path | None) -> Iterator[None]:
-    """Sets the folder in which Minari finds and writes datasets; with None it stays Minari's own."""
+def folder(path: Path | None) -> Iterator[Path]:
+    """Sets the folder in which Minari finds and writes datasets, and yields it; with None it stays Minari's own."""
     before = os.environ.get(_ROOT_VARIABLE)
     if path is not None:
         os.environ[_ROOT_VARIABLE] = os.path.abspath(path)
     try:
-        yield
+        yield _datasets_root()
     finally:
         os.environ.pop(_ROOT_VARIABLE, None)
         os.environ.update({} if before is None else {_ROOT_VARIABLE: before})
@@ -272,7 +226,7 @@ def _check_episode_size(data_path: Path, index: int) -> None:
     files.check_size(sum(sizes), files.MAX_ARRAY_BYTES)
 
 
-def absolute_root() -> Path:
+def _datasets_root() -> Path:
     """Returns the folder of all local datasets."""
     # With a relative root, Minari looks for its files in the wrong folder.
     return Path(importlib.import_module("minari.storage.datasets_root_dir").get_dataset_path()).absolute()

@@ -1,83 +1,73 @@
 """Recordings as HDF5 files of robomimic's layout. Needs the extra `record`."""
 
-import importlib
+import contextlib
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import files, suite
-from kitchen_suite.datasets import exports
-from kitchen_suite.datasets.d4rl import append, datasets_of, new_file, reserve
-from kitchen_suite.datasets.exports import ExportPlan
-from kitchen_suite.episodes.episode import EpisodeArrays
+from kitchen_suite import suite
+from kitchen_suite.datasets import columns, hdf5
+from kitchen_suite.episodes.episode import Episode
 from kitchen_suite.episodes.spec import EpisodeSpec
-from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 
 _GYM_TYPE = 2  # robomimic's type of environments of Gymnasium's interface.
-_ROW_BYTES = 64  # Greatest size of a name in a list of an HDF5 file.
 
 
-class RobomimicPlan(ExportPlan):
-    """A file `NAME.hdf5`: a group `data/demo_I` for each episode, and names of demonstrations in `mask`.
+def write(path: Path, spec: EpisodeSpec, episodes: Iterable[Episode]) -> None:
+    """Writes a file with a group `data/demo_I` for each episode, and names of demonstrations in `mask`.
 
     A group has `actions`, `rewards`, `dones` (1 in the last step), `terminations`, `truncations`, `obs/KEY` and
     `next_obs/KEY`, keys of the observation with underscores for slashes, and `states`: time, qpos, qvel before a step.
+
+    Raises a ValueError for episodes without physics states, a FileExistsError if the file exists already, and an
+    ImportError without h5py.
     """
+    total, count = 0, 0
+    with hdf5.new_file(path) as file, contextlib.closing(spec.make_environment()) as environment:
+        inner, data = suite_env(environment), file.create_group("data")
+        model = inner.composer_task.root_entity.mjcf_model.to_xml_string()
+        for number, episode in enumerate(episodes):
+            hdf5.append(data, {f"demo_{number}/{name}": rows for name, rows in columns_of(episode, inner).items()})
+            group = data[f"demo_{number}"]
+            group.attrs["num_samples"] = episode.steps
+            group.attrs["seed"] = episode.seed
+            group.attrs["model_file"] = model
+            total += episode.steps
+            count += 1
+        data.attrs["total"] = total
+        own = suite.task_arguments(spec.domain_name, spec.task_name)
+        arguments = {"env_name": suite.find_domain(spec.domain_name).env_id, "type": _GYM_TYPE}
+        data.attrs["env_args"] = json.dumps({**arguments, "env_kwargs": {**own, **spec.task_kwargs}})
+        first = count // columns.VALIDATION
+        for name, numbers in {"train": range(first, count), "valid": range(first)}.items():
+            if numbers:
+                file[f"mask/{name}"] = [f"demo_{number}".encode() for number in numbers]
 
-    title = "robomimic"
-    suffix = ".hdf5"
-    package = ("h5py", "record")
-    holds_pictures = True
 
-    def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
-        spec, total = self.spec, 0
-        with new_file(folder / self.path.name) as file:
-            data = file.create_group("data")
-            for number, episode in enumerate(episodes):
-                columns = self.columns(environment, spec, episode)
-                append(file, {f"data/demo_{number}/{name}": rows for name, rows in columns.items()})
-                group = data[f"demo_{number}"]
-                group.attrs["num_samples"], group.attrs["seed"] = episode.steps, episode.seed
-                model = suite_env(environment).composer_task.root_entity.mjcf_model.to_xml_string()
-                reserve(file, len(model.encode()))
-                group.attrs["model_file"] = model
-                total += episode.steps
-            reserve(file, _ROW_BYTES * count)
-            data.attrs["total"] = total
-            own = suite.task_arguments(spec.domain_name, spec.task_name)
-            arguments = {"env_name": suite.find_domain(spec.domain_name).env_id, "type": _GYM_TYPE}
-            data.attrs["env_args"] = json.dumps({**arguments, "env_kwargs": {**own, **spec.task_kwargs}})
-            first = count // exports.VALIDATION
-            for name, numbers in {"train": range(first, count), "valid": range(first)}.items():
-                if numbers:
-                    file[f"mask/{name}"] = [f"demo_{number}".encode() for number in numbers]
+def columns_of(episode: Episode, environment: SuiteEnv) -> dict[str, NDArray]:
+    """Returns the arrays that a dataset holds of an episode of such an environment, by their names there."""
+    arrays = episode.arrays
+    observed = {columns.key_of(name): rows for name, rows in arrays.items() if name.startswith("observation")}
+    return {
+        "actions": arrays["action"],
+        "rewards": arrays["reward"],
+        "dones": np.arange(1, episode.steps + 1) // episode.steps,
+        "terminations": arrays["termination"],
+        "truncations": arrays["truncation"],
+        "states": _states(episode, environment)[:-1],
+        **{f"obs/{key}": rows[:-1] for key, rows in observed.items()},
+        **{f"next_obs/{key}": rows[1:] for key, rows in observed.items()},
+    }
 
-    @classmethod
-    def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
-        arrays, states = episode.arrays, exports.physics_states(environment, spec, episode)
-        observed = {exports.key_of(name): rows for name, rows in arrays.items() if name.startswith("observation")}
-        return {
-            "actions": arrays["action"],
-            "rewards": arrays["reward"],
-            "dones": np.arange(1, episode.steps + 1) // episode.steps,
-            "terminations": arrays["termination"],
-            "truncations": arrays["truncation"],
-            "states": states[:-1],
-            **{f"obs/{key}": rows[:-1] for key, rows in observed.items()},
-            **{f"next_obs/{key}": rows[1:] for key, rows in observed.items()},
-        }
 
-    @classmethod
-    def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
-        with importlib.import_module("h5py").File(path, "r") as file:
-            data = file["data"]
-            exports.check_count(len(data), count)
-            for number in range(count):
-                datasets = datasets_of(data[f"demo_{number}"])
-                files.check_size(sum(rows.nbytes for rows in datasets.values()), files.MAX_ARRAY_BYTES)
-                columns = {name: rows[()] for name, rows in datasets.items()}
-                yield columns["actions"], columns
+def _states(episode: Episode, environment: SuiteEnv) -> NDArray[np.float64]:
+    """Returns time [s], qpos and qvel `(T + 1, 1 + nq + nv)` of an episode."""
+    model = environment.environment.physics.model
+    substeps = environment.composer_task.physics_steps_per_control_step
+    # MuJoCo adds its timestep to the time again and again, and rounds as often.
+    times = np.cumsum([0.0, *[model.opt.timestep] * (substeps * episode.steps)])[::substeps]
+    return np.column_stack([times, columns.physics_states(episode)[:, : model.nq + model.nv]])

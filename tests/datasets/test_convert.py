@@ -1,148 +1,185 @@
-"""`kitchen-convert`: data of other programs, made up here in their layouts, become recordings to learn from."""
+"""`kitchen-convert` makes datasets of recordings: whole or absent, never in place of another one."""
 
-import hashlib
-import json
-import re
+import os
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from helpers.human_files import ELEMENTS, EPISODES, LENGTH, actions, positions, write_d4rl, write_minari
+from helpers.episodes import left_behind, load_episode
+from helpers.human_files import write_d4rl
+from minari.dataset.minari_dataset import MinariDataset
 
-from kitchen_suite.commands.commands import convert, record, replay
-from kitchen_suite.episodes.recording import RecordingFolder
-from kitchen_suite.tasks import GOALS
+from kitchen_suite.commands import convert, record, rollout
+from kitchen_suite.datasets import ogbench
+from kitchen_suite.datasets.convert import convert as convert_recording
+from kitchen_suite.datasets.formats import FORMATS
+from kitchen_suite.episodes.episode import PHYSICS_STATE
 
-pytestmark = pytest.mark.filterwarnings("ignore:env_spec is None", "ignore:`\\w+` is set to None")
+SHORT = ["--num_threads=1", "--output=runs", "--num_envs=2", "--seed=5", "--task_name=kettle", "--max_episode_steps=3"]
+PICTURES = '--task_kwargs={"obs_type": "pixels", "image_size": [8, 8], "render_quality": "fast"}'
+FILES = {"robomimic": "set.hdf5", "ogbench": "set.npz", "d4rl": "set.hdf5", "minari": "set-v0"}
 
 
 @pytest.fixture
-def folder(folder):
-    (folder / "datasets").mkdir()
-    return folder
+def make(run, folder):
+    """Records episodes of three control steps, in an empty folder."""
+
+    def make(*arguments, count=2):
+        status, _, error = run(record, *SHORT, f"--num_episodes={count}", *arguments)
+        assert (status, error) == (0, "")
+
+    return make
 
 
-def recorded(folder="human"):
-    recording = RecordingFolder.open(Path(folder))
-    return [recording.load(index) for index in recording.indices], [
-        recording.load_stats(index) for index in recording.indices
-    ]
+def to_dataset(name, dataset=None):
+    return "runs", f"--format={name}", f"--dataset={dataset or f'me/{Path(FILES[name]).stem}'}", "--data_path=data"
 
 
-def check_recording(episodes, statistics, *, velocities):
-    for completions, episode, stats in zip(EPISODES, episodes, statistics, strict=True):
-        made, arrays = positions(completions), episode.arrays
-        assert episode.steps == LENGTH
-        assert episode.seed is None
-        assert stats.metrics == {
-            "success": bool(completions),
-            "tasks_completed": dict(sorted(completions.items(), key=lambda item: item[1])),
-        }
-        state = arrays["observation/observation"]
-        np.testing.assert_allclose(state[:, :9], made[:, :9], rtol=1e-6)
-        np.testing.assert_allclose(state[:, 18:39], made[:, 9:], rtol=1e-6)
-        hidden = np.concatenate([state[:, 9:18], state[:, 39:]], axis=1)
-        assert (np.isfinite(hidden) if velocities else np.isnan(hidden)).all()
-        np.testing.assert_array_equal(arrays["action"], actions(LENGTH + (not velocities))[:LENGTH])
-        tasks = [*GOALS][:7]
-        np.testing.assert_array_equal(
-            arrays["observation/requested_tasks"], np.tile([task in completions for task in tasks], (LENGTH + 1, 1))
-        )
-        by_step = [sum(step == wanted for wanted in completions.values()) for step in range(1, LENGTH + 1)]
-        np.testing.assert_array_equal(arrays["reward"], by_step)
-        assert arrays["truncation"].tolist() == [False] * (LENGTH - 1) + [True]
-        assert not arrays["termination"].any()
-        np.testing.assert_allclose(
-            arrays["observation/achieved_goal/kettle"], made[:, ELEMENTS["kettle"]], rtol=1e-6, atol=1e-7
-        )
-    assert episodes[0].instruction.startswith("open the microwave door, then move the kettle")
-    assert episodes[2].instruction == ""
+def contents():
+    return {path: path.is_file() and path.read_bytes() for path in Path("data").rglob("*")}
 
 
-@pytest.mark.parametrize("timeouts", [False, True])
-def test_a_file_of_d4rl_becomes_a_recording(timeouts, folder, capsys):
-    write_d4rl("kitchen_complete-v0.hdf5", timeouts=timeouts)
-    assert convert.main(["kitchen_complete-v0.hdf5", "--output=human"]) == 0
-    printed = capsys.readouterr().out
-    assert "4 episodes of kitchen_complete-v0.hdf5 (D4RL), 40 control steps" in printed
-    assert "goals of the data: kettle, light switch, microwave, slide cabinet" in printed
-    assert re.search(r"^hinge cabinet +1$", printed, re.MULTILINE)
-    assert "velocities were not recorded" in printed
-    check_recording(*recorded(), velocities=False)
+def test_minari_is_the_default(make, run):
+    make()
+    status, out, error = run(convert, "runs", "--dataset=me/kettle-v0")
+    assert (status, error) == (0, "")
+    assert out == f"dataset me/kettle-v0 of runs in {os.getcwd()}/datasets/me/kettle-v0\n"
 
 
-@pytest.mark.parametrize("name", ["D4RL/kitchen/complete-v2", "datasets/D4RL/kitchen/complete-v2"])
-def test_a_minari_dataset_becomes_a_recording(name, folder, capsys):
-    write_minari()
-    assert convert.main([name, "--output=human"]) == 0
-    printed = capsys.readouterr().out
-    assert f"4 episodes of {name} (Minari), 40 control steps" in printed
-    assert "velocities" not in printed
-    specification = json.loads((folder / "human" / "recording.json").read_text())
-    assert specification["origin"] == {"format": "Minari", "source": name, "episodes": 4, "steps": 40}
-    check_recording(*recorded(), velocities=True)
+@pytest.mark.parametrize("name", FILES)
+def test_a_dataset_is_made_once_and_never_replaced(make, run, refusal, name):
+    make()
+    status, out, error = run(convert, *to_dataset(name))
+    assert (status, error) == (0, "")
+    assert f"data/me/{FILES[name]}" in out
+    before = contents()
+    assert f"{FILES[name]} exists already, and is never replaced" in refusal(convert, *to_dataset(name))
+    assert contents() == before
 
 
-def test_arrays_are_those_of_a_recording_of_the_suite(folder):
-    write_d4rl("a.hdf5")
-    assert convert.main(["a.hdf5", "--output=human"]) == 0
-    specification = json.loads((folder / "human" / "recording.json").read_text())
-    assert specification["origin"] == {
-        "format": "D4RL",
-        "source": "a.hdf5",
-        "sha256": hashlib.sha256((folder / "a.hdf5").read_bytes()).hexdigest(),
-    }
-    arguments = ["--output=own", "--num_episodes=1", f"--max_episode_steps={LENGTH}", "--task_name=all"]
-    assert record.main([*arguments, f"--task_kwargs={json.dumps(specification['task_kwargs'])}"]) == 0
-    (converted, *_), (own, *_) = recorded()[0], recorded("own")[0]
-    assert {name: (array.shape, array.dtype) for name, array in own.arrays.items()} == {
-        name: (array.shape, array.dtype) for name, array in converted.arrays.items()
-    }
+def test_ogbenchs_validation_never_replaces_another_file(make, run, refusal):
+    make(count=10)
+    assert run(convert, *to_dataset("ogbench", "me/set-val"))[0] == 0
+    before = contents()
+    assert "set-val.npz exists already" in refusal(convert, *to_dataset("ogbench"))
+    assert contents() == before
 
 
-def test_the_same_command_continues_and_other_recordings_are_kept(folder, refusal):
-    write_d4rl("a.hdf5")
-    write_d4rl("b.hdf5")
-    for _ in range(2):
-        assert convert.main(["a.hdf5", "--output=human"]) == 0
-    check_recording(*recorded(), velocities=False)
-    assert "origin" in refusal(convert, "b.hdf5", "--output=human")
-    write_d4rl("a.hdf5", timeouts=True)
-    assert "sha256" in refusal(convert, "a.hdf5", "--output=human")
-    assert "kitchen-convert" in refusal(replay, "human")
+def test_it_is_a_function_of_plain_arguments(make):
+    make()
+    made = convert_recording("runs", "d4rl", "me/set", "data")
+    assert made == Path("data/me/set.hdf5")
+    with h5py.File(made) as file:
+        assert len(file["actions"]) == 6
 
 
-def rows(count=44):
-    return np.zeros((count, 60), np.float32)
+def test_bad_arguments_are_refused_in_one_line(make, refusal, run):
+    make(count=1)
+    for arguments, shown in {
+        ("runs",): "either a dataset, OWNER/NAME",
+        (*to_dataset("d4rl"), "--output=back"): "either a dataset, OWNER/NAME",
+        ("runs", "--format=d4rl"): "either a dataset, OWNER/NAME",
+        ("runs", "--format=d4rl", "--output=back"): "leave out 'd4rl'",
+        ("runs", "--output=back"): "recording of this suite already",
+        ("nowhere", *to_dataset("d4rl")[1:]): "nowhere",
+        ("runs", "--format=hdf5", "--dataset=me/set"): "'hdf5'",
+        ("runs", "--format=lerobot", "--dataset=me/set"): "obs_type",
+        ("runs", "--dataset=kitchen"): "it lacks a version, as in kitchen-v0",
+        ("runs", "--dataset=a b-v0"): "'a b-v0' is no name of a dataset",
+        to_dataset("d4rl", "set"): "'set'",
+        to_dataset("d4rl", "me/../set"): "no name of a dataset",
+        to_dataset("d4rl")[:-1]: "data_path",
+    }.items():
+        assert shown in refusal(convert, *arguments), arguments
+    assert not Path("data").exists()
+    assert not Path("datasets").exists()
+    assert run(rollout, "--num_episodes=1", "--max_episode_steps=2", "--output=rolled")[0] == 0
+    write_d4rl("human.hdf5")
+    assert run(convert, "human.hdf5", "--output=human")[0] == 0
+    for source, maker in {"rolled": "kitchen-rollout", "human": "kitchen-convert"}.items():
+        assert maker in refusal(convert, source, *to_dataset("d4rl")[1:])
+    os.remove("runs/episode_000000.npz")
+    assert "runs holds no episodes" in refusal(convert, *to_dataset("d4rl"))
 
 
-# Changes of the arrays of a file, and the shapes, names or numbers that the error shows.
-BAD = {
-    "another state": ({"observations": rows()[:, :59]}, ["observations", "(44, 59)", "(44, 60)"]),
-    "fewer actions": ({"actions": np.zeros((43, 9))}, ["actions", "(43, 9)", "(44, 9)"]),
-    "positions as actions": ({"actions": np.full((44, 9), 1.9)}, ["1.9", "[-1, 1]"]),
-    "NaN": ({"observations": rows() * np.nan}, ["observations", "finite"]),
-    "no terminals": ({"terminals": None}, ["'terminals'"]),
-    "a number": ({"observations": np.float32(1)}, ["observations", "()", "(1, 60)"]),
-    "a null dataspace": ({"observations": h5py.Empty("f4")}, ["'observations'"]),
-    "one row each": ({"terminals": np.ones(44)}, ["no episodes"]),
+@pytest.mark.rendering
+@pytest.mark.parametrize("name", ["ogbench", "d4rl"])
+def test_a_format_without_pictures_says_so(make, refusal, name):
+    make(PICTURES)
+    title = FORMATS[name].title
+    assert f"a dataset for {title} holds no pictures: record other observations" in refusal(convert, *to_dataset(name))
+
+
+@pytest.mark.parametrize("name", ["robomimic", "ogbench"])
+def test_a_recording_without_physics_states_is_to_be_recorded_again(make, refusal, run, name):
+    make()
+    for path in Path("runs").glob("episode_*.npz"):
+        with np.load(path) as file:
+            arrays = dict(file)
+        del arrays[PHYSICS_STATE]
+        np.savez_compressed(path, **arrays)
+    assert f"lacks the array {PHYSICS_STATE}" in refusal(convert, *to_dataset(name))
+    assert os.listdir("data/me") == []
+    assert run(convert, *to_dataset("d4rl"))[0] == 0
+
+
+# A function of each format that is called for every episode, or part of one.
+WRITES = {
+    "robomimic": (h5py.Group, "create_dataset"),
+    "ogbench": (ogbench, "columns_of"),
+    "d4rl": (h5py.Dataset, "resize"),
+    "minari": (MinariDataset, "update_dataset_from_buffer"),
 }
 
 
-@pytest.mark.parametrize("case", BAD)
-def test_files_of_another_layout_are_refused_in_one_line(case, folder, refusal):
-    changes, shown = BAD[case]
-    write_d4rl("a.hdf5", **changes)
-    error = refusal(convert, "a.hdf5", "--output=human")
-    assert all(part in error for part in ["a.hdf5", *shown]), error
-    assert not (folder / "human").exists()
+@pytest.mark.parametrize("name", FILES)
+def test_a_write_that_fails_leaves_nothing(make, run, refusal, monkeypatch, name):
+    make()
+
+    def fail(*arguments, **options):
+        raise OSError(28, os.strerror(28))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(*WRITES[name], fail)
+        assert "No space left" in refusal(convert, *to_dataset(name), status=1)
+    assert not [path for path in Path("data").rglob("*") if path.is_file()]
+    assert run(convert, *to_dataset(name))[::2] == (0, "")
 
 
-def test_other_sources_are_refused_in_one_line(folder, refusal):
-    (folder / "damaged.hdf5").write_text("no HDF5")
-    write_minari("kitchen/short-v0", size=30)
-    write_minari("kitchen/own-v0", env_id="KitchenSuite/FrankaKitchen-v1")
-    assert record.main(["--output=own", "--num_episodes=1", "--max_episode_steps=2"]) == 0
-    for source in ("nothing.hdf5", "damaged.hdf5", "nowhere", "own", "kitchen/own-v0", "kitchen/short-v0"):
-        assert source in refusal(convert, source, "--output=human")
+def test_an_interrupt_leaves_nothing(make, run, monkeypatch):
+    make()
+
+    def interrupt(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(h5py.Dataset, "resize", interrupt)
+    status, _, error = run(convert, *to_dataset("d4rl"))
+    message = "kitchen-convert: interrupted\n"
+    assert (status, error) == (130, message)
+    assert os.listdir("data/me") == []
+
+
+def test_what_a_killed_process_has_left_is_removed(make, run):
+    make()
+    Path("data/me").mkdir(parents=True)
+    left_behind(Path("data/me/set.hdf5").absolute()).write_bytes(b"half")
+    assert run(convert, *to_dataset("d4rl"))[0] == 0
+    assert os.listdir("data/me") == ["set.hdf5"]
+
+
+def test_a_dataset_has_the_episodes_that_are_there(make, run):
+    make(count=3)
+    os.remove("runs/episode_000001.npz")
+    assert run(convert, *to_dataset("d4rl"))[0] == 0
+    expected = [load_episode(f"runs/episode_{index:06d}.npz")[1]["action"] for index in (0, 2)]
+    with h5py.File("data/me/set.hdf5") as file:
+        np.testing.assert_array_equal(file["actions"][()], np.concatenate(expected))
+
+
+def test_seeds_that_hdf5_cannot_hold_are_refused(make, run, refusal):
+    make(f"--seed={2**63 - 2}")
+    assert run(convert, *to_dataset("d4rl"))[0] == 0
+    make("--output=greater", f"--seed={2**63 - 1}")
+    error = refusal(convert, "greater", *to_dataset("minari")[1:])
+    assert f"seeds in a dataset may not exceed {2**63 - 1}, got {2**63}" in error

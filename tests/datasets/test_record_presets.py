@@ -5,9 +5,8 @@ import re
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import record
-from kitchen_suite.episodes.recording import RecordingFolder
-from kitchen_suite.settings import RecordSettings
+from kitchen_suite.commands import record
+from kitchen_suite.episodes.recording import Recording
 
 SHORT = ("--num_episodes=2", "--max_episode_steps=6", "--num_threads=1")
 
@@ -29,9 +28,11 @@ def record_set(run, tmp_path):
 @pytest.mark.parametrize("preset", suite.DOMAINS["kitchen"].resolve("recording"))
 def test_a_preset_gives_task_arguments_and_policy(tmp_path, preset):
     chosen = suite.DOMAINS["kitchen"].resolve("recording")[preset]
-    settings = RecordSettings(output=tmp_path, preset=preset, seed=3).resolved
-    assert (settings.task_name, settings.policy, settings.seed) == (chosen["task_name"], chosen["policy"], 3)
-    assert settings.task_kwargs == chosen.get("task_kwargs", {})
+    (given,) = record.COMMAND.parse([f"--output={tmp_path}", f"--preset={preset}"])
+    found = record.with_preset(given)
+    assert (found["task_name"], found["policy"]) == (chosen["task_name"], chosen["policy"])
+    assert found["task_kwargs"] == chosen.get("task_kwargs", {})
+    assert found["num_episodes"] == chosen.get("num_episodes", 100)
 
 
 @pytest.mark.thorough
@@ -41,7 +42,7 @@ def test_a_seed_and_a_command_are_the_set(record_set, tmp_path):
     assert record_set("other", "--preset=random_order", "--num_episodes=1") != digest
     assert record_set("other", "--preset=random_order") == digest
     assert record_set("third", "--preset=random_order", "--seed=1") != digest
-    arrays = RecordingFolder.open(tmp_path / "one").load(0).arrays
+    arrays = Recording.open(tmp_path / "one").load(0).arrays
     assert arrays["observation/requested_tasks"].sum(axis=1).tolist() == [1.0] * 7
 
 

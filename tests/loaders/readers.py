@@ -1,14 +1,11 @@
 """Reads a dataset with the loader of the program that it is for: `python readers.py PROGRAM DATASET RESULT.npz`.
 
-The result has what the loader returned, by name. It runs in an environment where the program is installed, or is on the
-path of modules, and knows nothing of the suite.
+The result has what the loader returned, by name. It runs in an environment where the program is installed, and knows
+nothing of the suite.
 """
 
 import json
-import os
 import sys
-import tempfile
-from pathlib import Path
 
 import numpy as np
 
@@ -85,59 +82,9 @@ def read_d3rlpy(path):
     }
 
 
-def read_diffusion_policy(path):
-    """The arrays of a `ReplayBuffer`, and ends of episodes."""
-    from diffusion_policy.common.replay_buffer import ReplayBuffer
-
-    buffer = ReplayBuffer.copy_from_path(path)
-    return {**{name: buffer[name] for name in buffer.keys()}, "episode_ends": buffer.episode_ends}  # noqa: SIM118
-
-
-def read_diffusion_policy_kitchen(path):
-    """Items of `KitchenLowdimDataset`, one step each; it reads BeT's arrays with the episode before the time."""
-    from diffusion_policy.dataset.kitchen_lowdim_dataset import KitchenLowdimDataset
-
-    with tempfile.TemporaryDirectory() as folder:
-        for name in ("observations_seq", "actions_seq", "existence_mask"):
-            np.save(Path(folder, f"{name}.npy"), np.load(Path(path, f"{name}.npy")).swapaxes(0, 1))
-        dataset = KitchenLowdimDataset(folder)
-    items = [dataset[number] for number in range(len(dataset))]
-    return {name: np.concatenate([item[name].numpy() for item in items]) for name in ("obs", "action")}
-
-
-def read_bet(path):
-    """The tensors of `RelayKitchenTrajectoryDataset`, the lengths of episodes, and the goals."""
-    import torch
-    from dataloaders.trajectory_loader import RelayKitchenTrajectoryDataset
-
-    dataset = RelayKitchenTrajectoryDataset(os.path.abspath(path))
-    observations, actions, mask = (tensor.numpy() for tensor in dataset.tensors)
-    lengths = [dataset.get_seq_length(number) for number in range(len(dataset))]
-    goals = torch.load(Path(path, "onehot_goals.pth"), weights_only=True).numpy()
-    return {"observations": observations, "actions": actions, "mask": mask, "lengths": lengths, "goals": goals}
-
-
-def read_ogbench(path):
-    """Transitions, and goals later in the same episode, as the agents' `GCDataset` samples them."""
-    from ogbench.utils import load_dataset
-    from utils.datasets import Dataset, GCDataset
-
-    chances = {"value_p_curgoal": 0.0, "value_p_trajgoal": 1.0, "value_p_randomgoal": 0.0, "value_geom_sample": False}
-    chances |= {name.replace("value", "actor"): value for name, value in chances.items()}
-    config = {**chances, "discount": 0.99, "gc_negative": True, "p_aug": None, "frame_stack": None}
-    fields = load_dataset(path, ob_dtype=np.float64, compact_dataset=True)
-    dataset = Dataset.create(**fields)
-    indices = dataset.valid_idxs
-    return {**GCDataset(dataset, config).sample(len(indices), indices), "indices": indices}
-
-
 READERS = {
     "robomimic": read_robomimic,
     "d3rlpy": read_d3rlpy,
-    "diffusion_policy": read_diffusion_policy,
-    "diffusion_policy_kitchen": read_diffusion_policy_kitchen,
-    "bet": read_bet,
-    "ogbench": read_ogbench,
 }
 
 if __name__ == "__main__":
