@@ -28,16 +28,17 @@ from typing import Any, NamedTuple
 
 import mink
 import numpy as np
+from experiment import PICTURES, RESULTS, make_parser, run_command, timesteps
 from numpy.typing import NDArray
 
 from kitchen_suite import policies, suite
 from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 from kitchen_suite.rendering.cameras import camera_parameters
-from kitchen_suite.viewer.page import MOVES
+from kitchen_suite.viewer.hand import MOVES
 
-RESULTS = Path(__file__).parent / "results" / "teleoperation.json"
+PARTS = RESULTS / "teleoperation.json"
 
-PICTURE = Path(__file__).resolve().parent.parent / "pictures" / "teleoperation.webp"
+PICTURE = PICTURES / "teleoperation.webp"
 
 # Size of the page [pixels]; the panel covers its right third.
 WIDTH, HEIGHT = 960, 480
@@ -69,16 +70,17 @@ def expert_path(task_name: str, seed: int) -> list[Place]:
     """Returns places on the path of the scripted expert, and one some centimetres beyond its end."""
     environment = suite.load("kitchen", task_name, {"visuals": False, "random": seed})
     act = policies.find("expert(speed=0.5)")(environment, np.random.default_rng(seed))
-    person, timestep = TeleoperatedPolicy(environment.task), environment.reset()
+    person = TeleoperatedPolicy(environment.task)
     path: list[Place] = []
-    while not timestep.last():
+    for timestep in timesteps(environment, act):
+        if timestep.last():
+            break
         person.observe(timestep)
         position, quaternion = person.arm.hand
         fingers = timestep.observation["franka/joint_positions"][7:]
         place = Place(position, mink.SO3(quaternion), bool(fingers.mean() < 0.03))
         if not path or _differ(path[-1], place):
             path.append(place)
-        timestep = environment.step(act(timestep))
     beyond = place.position + 2 * (place.position - path[-2].position)
     return [*path[1:], place, place._replace(position=beyond)]
 
@@ -256,7 +258,7 @@ def drives() -> list[dict[str, Any]]:
                 rows.append(drive(task_name, seed, output))
                 print(rows[-1], flush=True)
             # Ends with an error unless all are equal.
-            run("replay", output, "--episodes=all")
+            run_command("replay", output, "--episodes=all")
     return rows
 
 
@@ -325,12 +327,13 @@ def drawn_after(sent: float, frames: Sequence[Sequence[float]]) -> float:
 # Writes the times of the arrival of each event, and of the message that shows what it has done.
 _TIMED = """
 import sys, time
-from kitchen_suite.viewer import page, viewer
-from kitchen_suite.commands.commands import view
+from kitchen_suite.viewer.live_page import LivePage
+from kitchen_suite.viewer.stage import Stage
+from kitchen_suite.commands import view
 
 
 def serve(path):
-    arrived, accepts, update = [], page.Page.accepts, page.Stage.update
+    arrived, accepts, update = [], LivePage.accepts, Stage.update
 
     def accept(self, event):
         arrived.append(time.time())
@@ -343,7 +346,7 @@ def serve(path):
             while arrived:
                 file.write(f"{arrived.pop(0)} {time.time()}\\n")
 
-    page.Page.accepts, page.Stage.update = accept, show
+    LivePage.accepts, Stage.update = accept, show
     sys.exit(view.main(sys.argv[1:]))
 """
 
@@ -356,10 +359,11 @@ def recipe(folder: Path) -> dict[str, Any]:
     recorded = time.monotonic()
     # Those that failed teach nothing.
     task = f"--task_name={RECIPE_TASK}"
-    run("train", "--algorithm=bc", task, f"--demonstrations={demonstrations}", f"--output={trained}")
+    run_command("train", "--algorithm=bc", task, f"--demonstrations={demonstrations}", f"--output={trained}")
     ended = time.monotonic()
     policy = f"trained(file={str(trained / 'policy.npz')!r})"
-    run("evaluate", task, f"--policy={policy}", "--num_episodes=100", "--max_episode_steps=600", f"--json={score}")
+    episodes = ("--num_episodes=100", "--max_episode_steps=600")
+    run_command("evaluate", task, f"--policy={policy}", *episodes, f"--json={score}")
     result = json.loads(score.read_text("utf-8"))
     return {
         "task": RECIPE_TASK,
@@ -390,33 +394,30 @@ def picture() -> None:
         Image.open(f"{folder}/page.png").convert("RGB").save(PICTURE, quality=85)
 
 
-def run(command: str, *flags: object) -> None:
-    """Runs a command of the suite; raises an error if it fails."""
-    subprocess.run([sys.executable, "-m", "kitchen_suite", command, *map(str, flags)], check=True)
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Runs the command; returns the exit status."""
-    match arguments:
-        case ["drives"]:
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the command."""
+    parser = make_parser(__doc__)
+    measures = parser.add_subparsers(dest="measure", required=True)
+    for name in ("drives", "pace", "latency", "picture"):
+        measures.add_parser(name)
+    measures.add_parser("recipe").add_argument("folder", type=Path)
+    given = parser.parse_args(arguments)
+    match given.measure:
+        case "drives":
             found: Any = drives()
-        case ["pace"]:
+        case "pace":
             found = pace()
-        case ["latency"]:
+        case "latency":
             found = latency()
-        case ["recipe", folder]:
-            found = recipe(Path(folder))
-        case ["picture"]:
-            picture()
-            return 0
+        case "recipe":
+            found = recipe(given.folder)
         case _:
-            print(__doc__, file=sys.stderr)
-            return 2
-    results = json.loads(RESULTS.read_text("utf-8")) if RESULTS.exists() else {}
-    RESULTS.write_text(json.dumps({**results, arguments[0]: found}, indent=1) + "\n", encoding="utf-8")
+            picture()
+            return
+    results = json.loads(PARTS.read_text("utf-8")) if PARTS.exists() else {}
+    PARTS.write_text(json.dumps({**results, given.measure: found}, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(found, indent=1))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

@@ -33,7 +33,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
     """
 
     def __init__(self, environments: SuiteVectorEnv) -> None:
-        """Adapts environments of autoreset mode `SameStep` and an observation type of `datasets.formats.LEROBOT`."""
+        """Adapts environments of autoreset mode `SameStep` and an observation type of `datasets.lerobot.OBS_TYPES`."""
         vector_checks.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
         self.environments, self.num_envs = environments, environments.num_envs
         self._observations = LeRobotObservations(environments.template_env)

@@ -1,4 +1,4 @@
-"""The work of `kitchen-export`: the scene of an episode as files that `mujoco` alone loads."""
+"""Exports the scene of an episode as files that `mujoco` alone loads."""
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 
@@ -7,7 +7,7 @@ import contextlib
 import importlib.metadata
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -17,10 +17,9 @@ from dm_env import specs
 from kitchen_suite import files
 from kitchen_suite.adapters.mjcf_values import Difference, greatest_difference, write_values
 from kitchen_suite.environment import Environment
-from kitchen_suite.environment.states import PHYSICS_STATE
+from kitchen_suite.environment.states import INTEGRATION_STATE
 from kitchen_suite.episodes.spec import EnvironmentSpec, reset_to_seed
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.settings import FAILURE, ExportSettings
 from kitchen_suite.tasks.requests import VARIATION_VALUES
 from kitchen_suite.versions import installed_versions
 
@@ -128,67 +127,66 @@ def page(record: Mapping[str, Any]) -> str:
     )
 
 
-class ExportJob:
-    """Writes a scene, and how it is stepped, to a folder."""
+def export(
+    folder: Path, spec: EnvironmentSpec, *, seed: int = 0, variation_values: Mapping[str, Any] | None = None
+) -> dict[str, Difference]:
+    """Writes the scene of an episode, and how it is stepped, to a folder that is whole or not there.
 
-    errors: ClassVar = {OSError: FAILURE}
+    Args:
+      folder: to write, which must not exist or be empty.
+      spec: of the environment.
+      seed: of the reset.
+      variation_values: values of parameters that vary, in place of drawn ones.
 
-    def __init__(self, settings: ExportSettings) -> None:
-        """Builds the scene, and starts the episode."""
-        self._folder = settings.output
-        if self._folder.exists() and any(self._folder.iterdir()):
-            raise FileExistsError(f"{self._folder} is not empty: name another folder")
-        self._seed = settings.seed
-        self._spec = EnvironmentSpec.make(settings.domain_name, settings.task_name, settings.environment_kwargs)
-        if settings.variation_values and settings.variations is None and "variations" not in settings.task_kwargs:
-            raise ValueError("variation_values needs --variations, the parameters that vary")
-        self._gymnasium_env = self._spec.make_environment(visuals=True)
-        options = {VARIATION_VALUES: dict(settings.variation_values)} if settings.variation_values else None
-        reset_to_seed(self._gymnasium_env, settings.seed, "gymnasium", options)
-        self._environment = suite_env(self._gymnasium_env).environment
+    Returns the greatest differences of the XML, as `write_scene` does.
 
-    def progress(self) -> str:
-        return "before the folder was complete; nothing was written"
+    Raises:
+      FileExistsError: the folder is not empty.
+      OSError: the folder cannot be written to.
+      ValueError: an argument is not valid.
+    """
+    if folder.exists() and any(folder.iterdir()):
+        raise FileExistsError(f"{folder} is not empty: name another folder")
+    if variation_values and not spec.task_kwargs.get("variations"):
+        raise ValueError("variation_values needs variations, the parameters that vary")
+    environment = spec.make_environment(visuals=True)
+    options = {VARIATION_VALUES: dict(variation_values)} if variation_values else None
+    with contextlib.closing(environment):
+        reset_to_seed(environment, seed, "gymnasium", options)
+        inner = suite_env(environment).environment
+        with files.atomic_folder(folder) as partial:
+            partial.mkdir()
+            described = _metadata(spec, inner, seed)
+            differences = write_scene(partial, inner)
+            record = {**described, **{name: each._asdict() for name, each in differences.items()}}
+            files.write_json(partial / METADATA_FILE, record)
+            (partial / PAGE_FILE).write_text(page(record), encoding="utf-8")
+    return differences
 
-    def run(self) -> bool:
-        """Writes all files; prints the folder, and the difference of the XML."""
-        with contextlib.closing(self._gymnasium_env), files.atomic_folder(self._folder) as folder:
-            folder.mkdir()
-            differences = write_scene(folder, self._environment)
-            record = {**self._metadata(), **{name: each._asdict() for name, each in differences.items()}}
-            files.write_json(folder / METADATA_FILE, record)
-            (folder / PAGE_FILE).write_text(page(record), encoding="utf-8")
-        print(f"{self._spec.domain_name} {self._spec.task_name}, seed {self._seed}, in {self._folder}")
-        print(f"{BINARY_FILE}: the environment's model, to the bit")
-        for name, difference in differences.items():
-            print(f"{XML_FILE}: {name.removeprefix('xml_').replace('_', ' ')}: {difference}")
-        return True
 
-    def _metadata(self) -> dict[str, Any]:
-        task, model = self._environment.task, self._environment.physics.model.ptr
-        spec = self._spec.as_json()
-        values = {name: value.tolist() for name, value in task.variations.values.items()}
-        return {
-            **{name: spec[name] for name in ("domain_name", "task_name", "task_kwargs")},
-            "seed": self._seed,
-            "max_episode_steps": spec["max_episode_steps"],
-            "versions": installed_versions(),
-            "instruction": task.instruction,
-            VARIATION_VALUES: values,
-            "physics_timestep": model.opt.timestep,
-            "control_timestep": self._environment.control_timestep(),
-            "substeps": task.physics_steps_per_control_step,
-            "state": {"file": STATE_FILE, "array": "integration", "signature": "mjSTATE_INTEGRATION"},
-            "keyframe": _KEYFRAME,
-            "action": _action(task.mdp.action_mode, self._environment.action_spec()),
-            "actuators": [
-                {"name": model.actuator(i).name, "ctrlrange": model.actuator_ctrlrange[i].tolist()}
-                for i in range(model.nu)
-            ],
-            "joints": [_joint(model, i) for i in range(model.njnt)],
-            "cameras": [model.camera(i).name for i in range(model.ncam)],
-            "licences": LICENCES,
-        }
+def _metadata(spec: EnvironmentSpec, environment: Environment, seed: int) -> dict[str, Any]:
+    task, model = environment.task, environment.physics.model.ptr
+    described = spec.as_json()
+    return {
+        **{name: described[name] for name in ("domain_name", "task_name", "task_kwargs")},
+        "seed": seed,
+        "max_episode_steps": spec.max_episode_steps,
+        "versions": installed_versions(),
+        "instruction": task.instruction,
+        VARIATION_VALUES: {name: value.tolist() for name, value in task.variations.values.items()},
+        "physics_timestep": model.opt.timestep,
+        "control_timestep": environment.control_timestep(),
+        "substeps": task.physics_steps_per_control_step,
+        "state": {"file": STATE_FILE, "array": "integration", "signature": "mjSTATE_INTEGRATION"},
+        "keyframe": _KEYFRAME,
+        "action": _action(task.mdp.action_mode, environment.action_spec()),
+        "actuators": [
+            {"name": model.actuator(i).name, "ctrlrange": model.actuator_ctrlrange[i].tolist()} for i in range(model.nu)
+        ],
+        "joints": [_joint(model, i) for i in range(model.njnt)],
+        "cameras": [model.camera(i).name for i in range(model.ncam)],
+        "licences": LICENCES,
+    }
 
 
 def write_scene(folder: Path, environment: Environment) -> dict[str, Difference]:
@@ -204,8 +202,8 @@ def write_scene(folder: Path, environment: Environment) -> dict[str, Difference]
     binary = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, binary)
     (folder / BINARY_FILE).write_bytes(binary.tobytes())
-    state = np.empty(mujoco.mj_stateSize(model, PHYSICS_STATE))
-    mujoco.mj_getState(model, data, state, PHYSICS_STATE)
+    state = np.empty(mujoco.mj_stateSize(model, INTEGRATION_STATE))
+    mujoco.mj_getState(model, data, state, INTEGRATION_STATE)
     np.savez(folder / STATE_FILE, integration=state)
     write_values(root, mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets()), model)
     root.keyframe.add("key", name=_KEYFRAME, qpos=data.qpos, qvel=data.qvel, ctrl=data.ctrl)

@@ -1,4 +1,10 @@
-"""Writes what variations have changed in a compiled model back to the MJCF that it was compiled from."""
+"""Writes what variations have changed in a compiled model back to the MJCF that it was compiled from.
+
+MuJoCo's `MjSpec` does that as well, by `copy_back` and `to_xml`, but not to the bit: it writes six digits of a number.
+In MuJoCo 3.17 the kitchen compiles again with differences of up to 1.6e-5 (actuator_acc0); with variations of up to
+3.1e-4 in the gains of its servos, and without the materials that geoms have been given. Here it is 0, and with
+variations 1e-12 or less in all that the physics depends on.
+"""
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 

@@ -19,7 +19,7 @@ def load_recording(dataset_id: str, *, root: str | Path | None = None, **options
     the dataset that is in `root` is replaced.
 
     Args:
-      dataset_id: name of the dataset, such as that of `kitchen-record --dataset`. Minari looks for it in
+      dataset_id: name of the dataset, such as that of `kitchen-convert`. Minari looks for it in
         `MINARI_DATASETS_PATH`.
       root: folder of TorchRL's copies of datasets; its own cache when omitted.
       **options: further arguments of `MinariExperienceReplay`, such as `batch_size`, `sampler` and `split_trajs`.

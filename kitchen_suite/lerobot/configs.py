@@ -8,10 +8,9 @@ from lerobot.envs import EnvConfig
 
 from kitchen_suite import suite
 from kitchen_suite.adapters.lerobot_env import LeRobotVectorEnv, features_of, make_vector_env
-from kitchen_suite.datasets.formats import LEROBOT
+from kitchen_suite.datasets.lerobot import OBS_TYPES
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.episodes.spec import EnvironmentSpec
-from kitchen_suite.settings import EpisodeSettings
+from kitchen_suite.episodes.spec import EnvironmentSpec, merged_kwargs
 
 
 @dataclasses.dataclass
@@ -21,7 +20,7 @@ class SuiteEnvConfig(EnvConfig):
     Attributes:
       task: a task of the domain, or several, separated by commas, which are evaluated one after the other.
       fps: control steps per second, rounded down; set by the environment.
-      obs_type: one of `datasets.formats.LEROBOT`, such as `pixels_agent_pos`.
+      obs_type: one of `datasets.lerobot.OBS_TYPES`, such as `pixels_agent_pos`.
       physics: `exact` or `fast`; `exact` when None.
       control_mode: meaning of the action; the domain's own when None.
       cameras: names of the cameras whose pictures are observed; the domain's default when None.
@@ -38,7 +37,7 @@ class SuiteEnvConfig(EnvConfig):
     domain_name: ClassVar[str]
 
     fps: int = 0
-    obs_type: str = LEROBOT.obs_types[0]
+    obs_type: str = OBS_TYPES[0]
     physics: str | None = None
     control_mode: str | None = None
     cameras: list[str] | None = None
@@ -82,15 +81,8 @@ class SuiteEnvConfig(EnvConfig):
 
     def _specs(self) -> list[EnvironmentSpec]:
         """Returns a specification of the environments of each task."""
-        settings = EpisodeSettings(
-            domain_name=self.domain_name,
-            task_kwargs=self.gym_kwargs,
-            physics=self.physics,
-            control_mode=self.control_mode,
-            variations=self.variations,
-            variation_split=self.variation_split,
-        )
-        kwargs = settings.environment_kwargs
+        names = ("physics", "control_mode", "variations", "variation_split")
+        kwargs = merged_kwargs(self.gym_kwargs, {name: getattr(self, name) for name in names})
         tasks = self.task.split(",") if self.task else [None]
         return [EnvironmentSpec.make(self.domain_name, task, kwargs, self.max_episode_steps) for task in tasks]
 
@@ -117,13 +109,12 @@ def make_env(
     Args:
       n_envs: number of environments.
       use_async_envs: ignored; threads step the environments.
-      cfg: config of a domain of the suite; of another config only `task` is read, a task of the commands' default
-        domain, the kitchen.
+      cfg: config of a domain of the suite; of another config only `task` is read, a task of the kitchen.
 
     Returns:
       Vectors of environments by domain and number of the task.
     """
     if isinstance(cfg, SuiteEnvConfig):
         return cfg.create_envs(n_envs, use_async_envs)
-    config = register(suite.find_domain(EpisodeSettings.domain_name))
+    config = register(suite.find_domain("kitchen"))
     return config(task=cfg.task if cfg else None).create_envs(n_envs, use_async_envs)

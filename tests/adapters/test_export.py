@@ -14,7 +14,7 @@ from helpers.episodes import limited_files
 from helpers.sweeps import brief_named
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import export
+from kitchen_suite.commands import export
 from kitchen_suite.gymnasium_env.base import suite_env
 
 STEPS = 280
@@ -160,7 +160,7 @@ def test_every_mode_has_a_formula(domain):
 
 BAD = {
     "--task_name=nothing": ["'kitchen'", "'nothing'"],
-    '--variation_values={"kettle/mass":1}': ["variation_values", "--variations"],
+    '--variation_values={"kettle/mass":1}': ["variation_values needs variations"],
     '--variations=dynamics --variation_values={"kettle/mas":1}': ["'kettle/mass'"],
     '--variations=dynamics --variation_values={"kettle/mass":-1}': ["kettle/mass", "-1"],
     "--control_mode=ee": ["control_mode", "'ee'"],

@@ -45,14 +45,14 @@ FRONT_ENDS = (
 )
 
 COMMANDS = (
-    "from kitchen_suite.commands.commands import COMMANDS",
-    "COMMANDS['rollout'].main(['--list'])",
-    "COMMANDS['rollout'].main(['--num_episodes=1', '--max_episode_steps=3'])",
-    "COMMANDS['record'].main(['--num_episodes=1', '--max_episode_steps=3', '--output=' + FOLDER + '/episodes'])",
-    "COMMANDS['replay'].main([FOLDER + '/episodes'])",
-    "COMMANDS['play'].main(['--novideo', '--num_episodes=1', '--max_episode_steps=3'])",
-    "COMMANDS['evaluate'].main(['--num_episodes=1', '--policy=zero'])",
-    "COMMANDS['doctor'].main([])",
+    "from kitchen_suite.commands import find",
+    "find('rollout').main(['--list'])",
+    "find('rollout').main(['--num_episodes=1', '--max_episode_steps=3'])",
+    "find('record').main(['--num_episodes=1', '--max_episode_steps=3', '--output=' + FOLDER + '/episodes'])",
+    "find('replay').main([FOLDER + '/episodes'])",
+    "find('play').main(['--novideo', '--num_episodes=1', '--max_episode_steps=3'])",
+    "find('evaluate').main(['--num_episodes=1', '--policy=zero'])",
+    "find('doctor').main([])",
 )
 
 

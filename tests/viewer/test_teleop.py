@@ -1,16 +1,12 @@
-"""A person who plays in the page, through viser's protocol: alone, after a policy, with others, and after a crash."""
+"""A person who plays in the page, through viser's protocol: alone, after a policy, and with others."""
 
 import contextlib
 import dataclasses
-import importlib.util
 import itertools
-import json
-import re
-import signal
 import subprocess
 import sys
-import threading
 import time
+import types
 
 import gymnasium
 import mink
@@ -19,28 +15,31 @@ import pytest
 from helpers.errors import refused
 from helpers.viser_client import TIMEOUT, Browser
 
-from kitchen_suite.commands.commands import record, replay, rollout, verify
-from kitchen_suite.episodes.recording import RecordingFolder
-from kitchen_suite.episodes.spec import EpisodeSpec
-from kitchen_suite.policies import PolicyError
-from kitchen_suite.settings import EpisodeSettings, ViewSettings
-from kitchen_suite.viewer.intervention import InterventionWrapper, PageDevice
-from kitchen_suite.viewer.live import UNSAVED, TeleoperatedEpisode
-from kitchen_suite.viewer.viewer import PlayedPolicy, live_episode
+from kitchen_suite.commands import replay, rollout
+from kitchen_suite.episodes.episode import Episode
+from kitchen_suite.episodes.recording import Recording
+from kitchen_suite.viewer.live_episode import Choice
+from kitchen_suite.viewer.teleoperation import Collection, persons_episode
 
-KETTLE = {"domain_name": "kitchen", "task_name": "kettle"}
+KETTLE = Choice(domain_name="kitchen", task_name="kettle", max_episode_steps=60)
 
 
-def spec_of(policy="teleop", steps=60, **settings):
-    return EpisodeSpec.of(
-        EpisodeSettings(**{**KETTLE, "policy": policy, "max_episode_steps": steps, **settings}), seeding="gymnasium"
-    )
+SLOWLY = "expert(speed=0.2)"
 
 
-def started(spec=None, seed=3, **arguments):
-    episode = TeleoperatedEpisode(spec or spec_of(), **arguments)
+def made(**choice):
+    """An episode of the kettle that has not been started."""
+    return persons_episode(dataclasses.replace(KETTLE, **choice), render_quality="fast")
+
+
+def started(policy=None, seed=3, steps=60):
+    episode = made(policy=policy, max_episode_steps=steps)
     episode.start(seed)
     return episode
+
+
+def save(episode, folder):
+    return Collection(folder, episode.spec).save(episode)
 
 
 def play(episode, steps):
@@ -49,10 +48,7 @@ def play(episode, steps):
 
 
 def test_a_policy_acts_until_a_person_takes_over_and_hands_back(tmp_path):
-    spec = spec_of("teleop(policy='expert(speed=0.2)')")
-    episode = TeleoperatedEpisode(spec)
-    episode.keep_in(tmp_path)
-    episode.start(3)
+    episode = started(SLOWLY)
     play(episode, 8)
     assert not episode.is_waiting
     assert "acts | the policy" in episode.report()
@@ -62,8 +58,8 @@ def test_a_policy_acts_until_a_person_takes_over_and_hands_back(tmp_path):
     episode.hand_back()
     assert not episode.is_waiting
     play(episode, 5)
-    episode.save()
-    arrays = RecordingFolder.open(tmp_path).load(3).arrays
+    save(episode, tmp_path)
+    arrays = Recording.open(tmp_path).load(3).arrays
     assert arrays["label/is_intervention"].tolist() == [False] * 8 + [True] * 6 + [False] * 5
     np.testing.assert_array_equal(arrays["label/teleop_action"], arrays["action"])
     assert arrays["action"].dtype == np.float32
@@ -72,7 +68,7 @@ def test_a_policy_acts_until_a_person_takes_over_and_hands_back(tmp_path):
 
 
 def test_after_going_back_the_person_acts_until_it_is_handed_back():
-    episode = started(spec_of("teleop(policy='expert(speed=0.2)')"))
+    episode = started(SLOWLY)
     play(episode, 9)
     episode.rewind(4)
     assert (episode.steps, episode.is_waiting) == (5, True)
@@ -91,7 +87,7 @@ def test_the_fingers_are_as_they_were():
 
 
 def test_time_stands_still_a_moment_after_the_hand_does():
-    episode = started(spec_of(steps=300))
+    episode = started(steps=300)
     episode.arm.nudge([0.0, 0.0, 0.05])
     while not episode.is_waiting:
         episode.step()
@@ -115,74 +111,26 @@ def test_time_stands_still_a_moment_after_the_hand_does():
     assert episode.arm.fingers.max() < 0.005
 
 
-def test_a_crash_loses_nothing_but_the_last_second(tmp_path):
-    first = started(unsaved=tmp_path / UNSAVED)
-    first.arm.nudge([0.0, 0.0, 0.05])
-    play(first, 20)
-    first.keep()
-    play(first, 5)
-    # Another process goes on where the copy was made.
-    second = started(unsaved=tmp_path / UNSAVED)
-    assert second.steps == 20
-    assert second.is_waiting
-    for name, array in second.episode().arrays.items():
-        np.testing.assert_array_equal(array, first.episode().arrays[name][: len(array)], name)
-    assert started(seed=4, unsaved=tmp_path / UNSAVED).steps == 0
-    second.discard()
-    assert second.steps == started(unsaved=tmp_path / UNSAVED).steps == 0
-
-
-def test_copies_of_other_seeds_stay_and_those_of_what_was_rejected_do_not(tmp_path):
-    first = started(seed=1, unsaved=tmp_path / UNSAVED)
-    play(first, 5)
-    first.keep()
-    first.start(2)
-    play(first, 3)
-    first.keep()
-    first.discard()
-    first.start(1)
-    assert first.steps == 5
-    first.rewind(100)
-    assert started(seed=1, unsaved=tmp_path / UNSAVED).steps == 0
-    assert not (tmp_path / UNSAVED).exists()
-
-
 def test_after_a_step_that_failed_the_episode_only_goes_back(monkeypatch, tmp_path):
-    episode = TeleoperatedEpisode(spec_of())
-    episode.keep_in(tmp_path / "mine")
-    episode.start(0)
+    episode = started(seed=0)
     play(episode, 4)
     environment = type(episode._rollout.environment)
     with monkeypatch.context() as patch:
         patch.setattr(environment, "step", lambda *arguments: 1 / 0)
         with refused(ZeroDivisionError, "division"):
             episode.step()
-    for action in (episode.step, episode.finish):
-        with refused(RuntimeError, "cannot go on"):
-            action()
+    with refused(RuntimeError, "cannot go on"):
+        episode.step()
     with refused(ValueError, "was not completed"):
-        episode.save()
+        save(episode, tmp_path / "mine")
     episode.rewind(1)
     play(episode, 2)
-    episode.save()
+    save(episode, tmp_path / "mine")
     assert replay.main([str(tmp_path / "mine")]) == 0
 
 
-def test_a_copy_that_does_not_play_again_is_named(tmp_path):
-    first = started(unsaved=tmp_path / UNSAVED)
-    first.arm.nudge([0.0, 0.0, 0.05])
-    play(first, 5)
-    first.keep()
-    copies = RecordingFolder.open(tmp_path / UNSAVED)
-    episode = copies.load(3)
-    arrays = {**episode.arrays, "reward": episode.arrays["reward"] + 1.0}
-    copies.save(dataclasses.replace(episode, arrays=arrays), copies.load_stats(3))
-    with refused(OSError, UNSAVED, "remove it"):
-        started(unsaved=tmp_path / UNSAVED)
-
-
 def test_time_goes_on_while_the_hand_turns():
-    episode = started(spec_of(steps=300))
+    episode = started(steps=300)
     position, orientation = episode.arm.hand
     turned = mink.SO3(orientation) @ mink.SO3.exp(np.array([0.0, 0.0, 1.2]))
     episode.arm.move_to(position, turned.wxyz)
@@ -192,95 +140,96 @@ def test_time_goes_on_while_the_hand_turns():
     assert np.linalg.norm((turned @ mink.SO3(found).inverse()).log()) < 0.1
 
 
+def test_a_person_takes_over_from_policies_of_time_steps_alone(monkeypatch):
+    module = types.ModuleType("watching")
+    module.act = lambda observation: np.zeros(9)
+    monkeypatch.setitem(sys.modules, "watching", module)
+    with refused(ValueError, "time steps"):
+        started("gym:watching:act")
+    with refused(ValueError, "'moon'"):
+        started("moon")
+
+
+def recorded_by(policy, folder, steps):
+    """A recording of one episode that a policy has begun, and this episode."""
+    episode = started(policy, seed=0)
+    play(episode, steps)
+    recording = Recording.claim(folder, dataclasses.replace(episode.spec, policy=policy))
+    recording.append(episode.result())
+    return recording, recording.load(0)
+
+
 def test_an_episode_goes_on_from_a_recorded_state(tmp_path):
-    spec = spec_of("expert(speed=0.3)")
-    with contextlib.closing(TeleoperatedEpisode(spec_of())) as episode:
-        recorded = RecordingFolder.claim(tmp_path / "expert", spec)
-        played = TeleoperatedEpisode(spec_of("teleop(policy='expert(speed=0.3)')"))
-        played.start(0)
-        play(played, 30)
-        whole = played.episode()
-        recorded.save(whole, stats_of(played, whole))
-        episode.start_from(recorded.load(0), 12)
-        assert (episode.steps, episode.is_waiting) == (12, True)
-        episode.arm.nudge([0.0, 0.0, 0.02])
-        play(episode, 4)
-        arrays = episode.episode().arrays
-        assert arrays["label/is_intervention"].tolist() == [False] * 12 + [True] * 4
-        np.testing.assert_array_equal(
-            arrays["observation/observation"][:13], whole.arrays["observation/observation"][:13]
-        )
-        with refused(ValueError, "30 control steps, not 31"):
-            episode.start_from(whole, 31)
-        changed = {**whole.arrays, "observation/observation": whole.arrays["observation/observation"] + 1.0}
-        with refused(ValueError, "observation/observation differs"):
-            episode.start_from(type(whole)(index=0, seed=0, arrays=changed))
-    settings = ViewSettings(teleop=True, start_from=tmp_path / "expert", start_step=9, output=tmp_path / "mine")
-    episode = live_episode(settings)
-    assert (episode.spec.task_name, episode.steps) == ("kettle", 9)
-    episode.arm.grasp(True)
-    play(episode, 3)
-    episode.save()
+    recording, whole = recorded_by("expert(speed=0.3)", tmp_path / "expert", 30)
+    episode = persons_episode(KETTLE, recording.spec, render_quality="fast")
+    episode.start_from(whole, 12)
+    assert (episode.spec.policy, episode.steps, episode.is_waiting) == ("teleop", 12, True)
+    episode.arm.nudge([0.0, 0.0, 0.02])
+    play(episode, 4)
+    arrays = episode.result().arrays
+    assert arrays["label/is_intervention"].tolist() == [False] * 12 + [True] * 4
+    np.testing.assert_array_equal(arrays["observation/observation"][:13], whole.arrays["observation/observation"][:13])
+    save(episode, tmp_path / "mine")
     assert replay.main([str(tmp_path / "mine")]) == 0
+    with refused(ValueError, "30 control steps, not 31"):
+        episode.start_from(whole, 31)
+    changed = {**whole.arrays, "observation/observation": whole.arrays["observation/observation"] + 1.0}
+    with refused(ValueError, "observation/observation differs"):
+        episode.start_from(Episode(index=0, seed=0, arrays=changed))
 
 
 def test_a_rollouts_episode_goes_on(tmp_path):
     """Its seeds start random streams in another way, and its actions are float64."""
     flags = ["--policy=random", "--task_name=kettle", "--num_episodes=1", "--max_episode_steps=6", "--seed=4"]
     assert rollout.main([f"--output={tmp_path / 'runs'}", *flags]) == 0
-    episode = live_episode(ViewSettings(teleop=True, start_from=tmp_path / "runs", output=tmp_path / "mine"))
+    recording = Recording.open(tmp_path / "runs")
+    episode = persons_episode(KETTLE, recording.spec, render_quality="fast")
+    episode.start_from(recording.load(0))
     assert (episode.steps, episode.seed) == (6, 4)
     episode.arm.nudge([0.0, 0.0, 0.02])
     play(episode, 3)
-    episode.save()
+    save(episode, tmp_path / "mine")
     assert replay.main([str(tmp_path / "mine")]) == 0
 
 
-def test_what_the_viewer_saves_is_a_recording_of_kitchen_record(tmp_path, capsys):
-    episode = live_episode(ViewSettings(teleop=True, task_name="kettle", output=tmp_path / "mine"))
-    episode.arm.nudge([0.0, 0.0, 0.02])
-    play(episode, 3)
-    assert not episode.save()
-    assert "saved last | seed 0: the task was not done" in episode.report()
-    capsys.readouterr()
-    flags = ["--policy=teleop", "--task_name=kettle", "--max_episode_steps=2000", "--num_episodes=1"]
-    status = record.main([*flags, f"--output={tmp_path / 'mine'}"])
-    # Without the extra `web` nobody can play, though nobody has to.
-    if importlib.util.find_spec("viser"):
-        assert status == 0
-        assert "1 of them there already" in capsys.readouterr().out
-    else:
-        assert status == 2
-        assert "needs mjviser and viser" in capsys.readouterr().err
+def test_a_person_plays_goes_back_and_saves(tmp_path):
+    episode = started(seed=5)
+    mine = Collection(tmp_path / "mine", episode.spec)
+    assert episode.is_waiting
+    with refused(ValueError, "nothing to save"):
+        mine.save(episode)
+    episode.arm.nudge([0.0, 0.0, 0.05])
+    assert not episode.is_waiting
+    play(episode, 25)
+    episode.rewind(13)
+    assert episode.is_waiting, "until the person goes on"
+    assert "control step | 12 of 60" in episode.report()
+    episode.arm.grasp(True)
+    episode.step()
+    assert "fingers | closed" in episode.report()
+    assert not mine.save(episode)
+    assert mine.numbers() == {"episodes saved": "1", "saved last": "seed 5: the task was not done"}
+    with refused(ValueError, "an episode of seed 5 has been saved already"):
+        mine.save(episode)
+    # The next viewer goes on with the next seed.
+    assert Collection(tmp_path / "mine", episode.spec).next_seed(5) == 6
+    episode.start(3)
+    episode.arm.nudge([0.02, 0.0, 0.0])
+    episode.step()
+    mine.save(episode)
+    recording = Recording.open(tmp_path / "mine")
+    assert (recording.indices, recording.spec.policy) == ([3, 5], "teleop")
+    arrays = recording.load(5).arrays
+    assert arrays["label/is_intervention"].all()
+    np.testing.assert_array_equal(arrays["label/teleop_action"], arrays["action"])
+    assert replay.main([str(tmp_path / "mine")]) == 0
 
 
-def stats_of(live, episode):
-    from kitchen_suite.episodes.episode import EpisodeStats
-
-    return EpisodeStats.of(episode, live._environment.task.records.metrics(episode.last_info))
-
-
-def test_an_episode_may_be_forbidden_to_go_back():
-    episode = started(spec_of("teleop(rewind=False)"))
-    play(episode, 2)
-    for action in (lambda: episode.rewind(1), episode.discard):
-        with refused(ValueError, "rewind=False"):
-            action()
-
-
-def test_a_finished_episode_lasts_to_its_end():
-    episode = started()
-    episode.arm.nudge([0.0, 0.0, 0.02])
-    play(episode, 5)
-    episode.finish()
-    assert episode.is_finished
-    assert episode.steps == 60
-    policy = PlayedPolicy(episode.episode())
-    for action in episode.episode().arrays["action"]:
-        np.testing.assert_array_equal(policy(None), action)
-        assert policy.labels["is_intervention"]
-    with refused(PolicyError, "60 control steps"):
-        policy(None)
+def test_a_folder_is_for_episodes_of_one_task(tmp_path):
+    mine = Collection(tmp_path / "mine", made().spec)
+    with refused(ValueError, "policy"):
+        mine.check(made(policy="expert").spec)
+    assert made(policy="expert").spec.policy == "teleop(policy='expert')"
 
 
 @contextlib.contextmanager
@@ -444,98 +393,9 @@ def test_a_slow_browser_holds_up_nobody(viewer, port):
 
 
 @pytest.mark.web
-def test_a_viewer_that_was_killed_goes_on_where_it_was(port, tmp_path):
-    flags = ["--teleop", "--task_name=kettle", f"--output={tmp_path / 'mine'}", f"--port={port}"]
-    with running("view", *flags) as process:
-        process.stdout.readline()
-        with browsing(port) as browser:
-            while browser.number("control step") <= 40:
-                keep_moving(browser, 1.0)
-            steps = browser.number("control step")
-            process.send_signal(signal.SIGKILL)
-            process.wait()
-    with running("view", *flags) as process:
-        process.stdout.readline()
-        with browsing(port) as browser:
-            # The copy is at most a second old: 12.5 control steps, and one that was under way.
-            assert browser.number("control step") >= steps - 14
-            browser.press("Save")
-            browser.wait(lambda: "episodes saved | 1" in browser.report())
-    assert replay.main([str(tmp_path / "mine")]) == 0
-    assert not (tmp_path / "mine" / UNSAVED).exists()
-
-
-def person(port, moves, episodes, after=lambda browser: None):
-    """Plays episodes in the page in a thread, each by some keys, and finishes them."""
-
-    def act():
-        with contextlib.closing(connected(port)) as browser:
-            for number in range(episodes):
-                browser.wait(lambda: browser.keys.get("Finish") and "control step | 0 of" in browser.report())
-                before = browser.keys["Finish"]
-                for move in moves:
-                    browser.press(move)
-                browser.wait(lambda: browser.number("control step") > 3)
-                after(browser)
-                browser.press("Finish")
-                if number + 1 < episodes:
-                    browser.wait(lambda before=before: browser.keys["Finish"] != before)
-
-    thread = threading.Thread(target=act, daemon=True)
-    thread.start()
-    return thread
-
-
-def connected(port):
-    for _ in range(600):
-        with contextlib.suppress(OSError):
-            return Browser(port)
-        time.sleep(0.2)
-    pytest.fail("no page")
-
-
-@pytest.mark.web
-def test_a_person_records_and_is_scored_like_any_policy(port, tmp_path, monkeypatch, capfd):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    policy = f"--policy=teleop(port={port})"
-    flags = [policy, "--task_name=kettle", "--max_episode_steps=40"]
-    thread = person(port, ["Up", "Forward"], 2)
-    command = ["record", *flags, f"--output={tmp_path / 'mine'}", "--num_episodes=2"]
-    output = run(command)
-    thread.join(TIMEOUT)
-    assert "2 episodes" in output
-    assert replay.main([str(tmp_path / "mine")]) == 0
-    arrays = RecordingFolder.open(tmp_path / "mine").load(1).arrays
-    assert len(arrays["reward"]) == 40
-    assert arrays["label/is_intervention"].all()
-
-    files = [f"--json={tmp_path / 'score.json'}", f"--receipt={tmp_path / 'receipt.npz'}"]
-    # With one that goes back.
-    thread = person(port, ["Up"], 2, after=lambda browser: browser.press("Back 1 s"))
-    run(["evaluate", *flags, *files, "--num_episodes=2"])
-    thread.join(TIMEOUT)
-    score = json.loads((tmp_path / "score.json").read_text())
-    assert (score["policy"], score["success"]) == (f"teleop(port={port})", 0.0)
-    assert verify.main([str(tmp_path / "receipt.npz")]) == 0
-
-    thread = person(port, ["Up"], 1)
-    output = run(["rollout", *flags, "--num_episodes=1"])
-    thread.join(TIMEOUT)
-    assert re.search(r"^\s*0\s+0\s", output, re.MULTILINE)
-    # Nothing is left to go on with.
-    assert not [*(tmp_path / "cache" / "kitchen-suite").glob("teleop/*")]
-
-
-def run(command):
-    done = subprocess.run(
-        [sys.executable, "-m", "kitchen_suite", *command], capture_output=True, text=True, timeout=TIMEOUT
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-@pytest.mark.web
 def test_a_person_takes_over_from_what_acts_in_an_environment(port):
+    from kitchen_suite.viewer.intervention import InterventionWrapper
+
     env = InterventionWrapper(gymnasium.make("KitchenSuite/FrankaKitchen-v1", tasks_to_complete=["kettle"]), port)
     env.reset(seed=0)
     zeros = np.zeros(9, np.float32)
@@ -556,45 +416,6 @@ def test_a_person_takes_over_from_what_acts_in_an_environment(port):
     assert info["is_intervention"] is False
     np.testing.assert_array_equal(info["teleop_action"], zeros)
     env.close()
-
-
-@pytest.mark.web
-def test_a_device_has_what_robosuites_devices_return(port):
-    device = PageDevice(port=port, pos_sensitivity=2.0)
-    device.start_control()
-    with contextlib.closing(Browser(port)) as browser:
-        for label in ("Up", "Up", "Yaw left", "Open or close"):
-            browser.press(label)
-        browser.click("Reset")
-        time.sleep(1.0)
-        state = device.get_controller_state()
-    np.testing.assert_allclose(state["dpos"], [0.0, 0.0, 0.04])
-    # As `input2action` of robosuite reads it: elements 1, 0, 2, and the last one the other way.
-    np.testing.assert_allclose(state["raw_drotation"], [0.0, 0.0, -np.deg2rad(5.0)])
-    np.testing.assert_allclose(state["rotation"][0, 0], np.cos(np.deg2rad(5.0)))
-    assert [state[name] for name in ("grasp", "reset", "base_mode")] == [1, 1, 0]
-    np.testing.assert_array_equal(device.get_controller_state()["dpos"], np.zeros(3))
-    device.start_control()
-    assert device.get_controller_state()["reset"] == 0
-    device.close()
-
-
-@pytest.mark.web
-def test_a_class_of_robosuites_is_made_and_reset_as_one(port):
-    class Device:
-        def __init__(self, env):
-            self.robots = env
-
-        def _reset_internal_state(self):
-            self.active_robot = 0
-
-    class Browser(PageDevice, Device):
-        pass
-
-    device = Browser("robots", port=port)
-    device.start_control()
-    assert (device.robots, device.env, device.active_robot) == ("robots", "robots", 0)
-    device.close()
 
 
 def wait_until(condition):

@@ -10,8 +10,8 @@ import pytest
 from docs_scripts import load_script
 from helpers import pages
 
-from kitchen_suite.commands.commands import replay
-from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.commands import replay
+from kitchen_suite.episodes.recording import Recording
 
 pytestmark = pytest.mark.browser
 
@@ -59,7 +59,7 @@ def test_a_person_moves_the_hand_and_saves_an_episode(port, tmp_path):
             wait_for_report(page, r"episodes saved\s+1")
             wait_for_report(page, r"control step\s+0 of 2000")
         running.kill()
-    arrays = RecordingFolder.open(folder).load(0).arrays
+    arrays = Recording.open(folder).load(0).arrays
     assert arrays["label/is_intervention"].all()
     assert np.abs(arrays["action"]).max() > 0.0
     assert replay.main([str(folder)]) == 0

@@ -3,7 +3,7 @@
 import pytest
 from helpers import pages
 
-from kitchen_suite.commands.commands import rollout
+from kitchen_suite.commands import rollout
 
 pytestmark = pytest.mark.browser
 

@@ -31,7 +31,7 @@ class WebPage:
         return len(self._episodes)
 
     def add(self, recording: bytes, about: Mapping[str, Any]) -> None:
-        """Adds an episode: a recording of `SceneRecorder`, and its name and progress, as `web_page.html` reads them."""
+        """Adds an episode: a recording of viser's, and its name and progress, as `web_page.html` reads them."""
         parts = list(_parts(recording))
         size = sum(map(len, parts)).to_bytes(8, "little")
         self._episodes.append({**about, "size": base64.b64encode(size).decode(), "chunks": [*map(self._chunk, parts)]})
@@ -79,8 +79,10 @@ def _parts(recording: bytes) -> Iterator[bytes]:
         yield waiting
         yield message
         waiting = b""
-    # The arrays begin at a multiple of 8 bytes, after another number of bytes than before.
-    yield waiting + bytes(-(8 + length) % 8) + contents[end + -end % 8 :]
+    arrays = contents[end + -end % 8 :]
+    # They begin at a multiple of 8 bytes, after another number of bytes than before.
+    padding = bytes(-(8 + length) % 8) if arrays else b""
+    yield waiting + padding + arrays
 
 
 def _encoded(payload: bytes) -> tuple[bytes, list[bytes]]:

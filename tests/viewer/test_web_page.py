@@ -10,9 +10,7 @@ import pytest
 from dm_control import mjcf
 from helpers import pages
 
-from kitchen_suite.rendering.viser_servers import silent_server
-from kitchen_suite.rendering.web_page import WebPage
-from kitchen_suite.rendering.web_scenes import WebScene
+from kitchen_suite.viewer.web_page import WebPage
 
 pytestmark = pytest.mark.web
 
@@ -22,6 +20,8 @@ ABOUT = {"name": "episode 0", "instruction": "</script>", "timestep": 0.1}
 @pytest.fixture(scope="module")
 def recordings():
     """Two recordings of one scene with a mesh, of other motions."""
+    from kitchen_suite.viewer.servers import silent_server
+
     found = []
     generator = np.random.default_rng(0)
     with silent_server() as server:
@@ -80,6 +80,8 @@ def test_numbers_that_are_not_finite_do_not_empty_a_page(recordings):
 
 
 def test_a_silent_server_listens_to_no_port(capfd):
+    from kitchen_suite.viewer.servers import silent_server
+
     before = listening()
     with silent_server():
         assert listening() == before
@@ -116,16 +118,19 @@ ROOM = """
 @pytest.fixture(scope="module")
 def meshes():
     """The glTF files of a scene by the names of their nodes."""
+    from kitchen_suite.viewer.scene import Scene
+    from kitchen_suite.viewer.servers import silent_server
+
     physics = mjcf.Physics.from_mjcf_model(mjcf.from_xml_string(ROOM))
     with silent_server() as server:
-        WebScene(server, physics, 0)
+        Scene(server, physics, 0)
         head, _ = pages.contents(server.get_scene_serializer().serialize())
     messages = (message for _, message in head["messages"])
     return {message["name"]: message["props"]["glb_data"] for message in messages if "GlbMessage" in message["type"]}
 
 
 def test_what_never_moves_has_its_colours_in_the_light(meshes):
-    assert {*meshes} == {"/shapes/opaque", "/shapes/transparent", "/bodies/moving/group0"}
+    assert {*meshes} == {"/shapes/opaque", "/shapes/transparent", "/bodies/moving"}
     assert [b"KHR_materials_unlit" in glb for glb in meshes.values()] == [True, True, False]
     mesh = geometry(meshes["/shapes/opaque"])
     colours = mesh.visual.vertex_attributes["color"]
@@ -144,7 +149,7 @@ def test_edges_are_sharp(meshes):
 
 
 def test_a_capsule_has_few_faces(meshes):
-    assert len(geometry(meshes["/bodies/moving/group0"]).faces) < 400
+    assert len(geometry(meshes["/bodies/moving"]).faces) < 400
 
 
 def geometry(glb):

@@ -1,36 +1,33 @@
-"""Scenes of models in a viser server, as the live viewer and recorded pages show them; needs the extra `web`."""
+"""Scenes of models in a server of viser, as the live viewer and recorded pages show them; needs the extra `web`."""
 
-import contextlib
+# First: it names what to install where the extra is missing.
+import kitchen_suite.viewer.servers  # noqa: F401
+
+# isort: split
 import copy
-import functools
 import io
 import math
-import unittest.mock
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import mujoco
 import numpy as np
+import trimesh
+import viser
+from dm_control import mjcf
+from mjviser.conversions import create_primitive_mesh, get_body_name, is_fixed_body, mujoco_mesh_to_trimesh
 from numpy.typing import NDArray
-
-from kitchen_suite.rendering.viser_servers import silent_server
-
-if TYPE_CHECKING:
-    import mujoco
-    import viser
-    from dm_control import mjcf
+from PIL import Image
 
 _FIRST_HIDDEN_GROUP = 3  # Geoms of these groups and above are not shown, as in MuJoCo: they are those that collide.
 
-# Of the light; chosen so that the kitchen's white counter is not blown out.
-_BRIGHTNESS = 2.2
-# Direction that most of it comes from, and colour of the light from the opposite side.
-_LIGHT, _SHADE = (-0.5, -0.8, 1.0), (90, 95, 105)
+_BRIGHTNESS = 2.2  # Of the light; chosen so that the kitchen's white counter is not blown out.
+_LIGHT = (-0.5, -0.8, 1.0)  # Direction that most of it comes from.
+_SHADE = (90, 95, 105)  # Colour of the light from the opposite side.
 
 _SMOOTH = math.radians(25.0)  # Greatest angle [rad] between two triangles of a surface that looks smooth.
 
-# Greatest height and width of a texture [pixels], which a page holds; and the least length of a surface that has one
-# [m]. Smaller ones have the texture's mean colour.
-_TEXTURE_SIZE, _LEAST_LENGTH = 256, 0.5
+_TEXTURE_SIZE = 256  # Greatest height and width of a texture [pixels], which a page holds.
+_LEAST_LENGTH = 0.5  # Of a surface with a texture [m]; smaller ones have the texture's mean colour.
 
 _CAPSULE = (8, 20)  # Faces along a capsule, without its middle, and around it.
 _FLOOR = 5.0  # Half the length of a floor without edges [m].
@@ -42,37 +39,41 @@ _APPEARANCE = (
 )
 
 
-class WebScene:
+class Scene:
     """The scene of a model in a server, seen through one of the model's cameras at first."""
 
-    def __init__(self, server: "viser.ViserServer", physics: "mjcf.Physics", camera: int) -> None:
-        """Adds the scene of the present state to a server, seen through the camera of an id."""
-        # mjviser changes the model's colours of contacts, and shows no geom that is fully transparent.
-        self._model = copy.copy(physics.model.ptr)
-        self._appearance = {name: getattr(self._model, name).copy() for name in _APPEARANCE}
-        self._model.geom_rgba[self._model.geom_group >= _FIRST_HIDDEN_GROUP, 3] = 0.0
+    def __init__(self, server: viser.ViserServer, physics: mjcf.Physics, camera: int) -> None:
+        """Adds the scene of the current state to a server, seen through the camera of an id."""
+        model, data = physics.model.ptr, physics.data.ptr
+        self._server = server
+        self._appearance = {name: getattr(model, name).copy() for name in _APPEARANCE}
         set_camera(server, physics, camera)
-        with _light_shapes():
-            _add_fixed_shapes(server, self._model, physics.data.ptr)
-            self._scene = _scene_class()(server, self._model, num_envs=1)
-        self._scene.camera_tracking_enabled = False
-        # After mjviser's own lights.
-        _add_lights(server)
+        _add_light(server)
+        geoms = np.flatnonzero((model.geom_group < _FIRST_HIDDEN_GROUP) & (model.geom_rgba[:, 3] > 0.0))
+        is_fixed = np.array([is_fixed_body(model, body) for body in range(model.nbody)])
+        fixed, moving = geoms[is_fixed[model.geom_bodyid[geoms]]], geoms[~is_fixed[model.geom_bodyid[geoms]]]
+        surfaces = _add_surfaces(server, model, data, fixed)
+        plain = _with_plain_colours(model)
+        _add_fixed_shapes(server, plain, data, fixed[~np.isin(fixed, surfaces)])
+        self._bodies = _add_bodies(server, plain, moving)
+        self.update(physics)
 
-    def update(self, physics: "mjcf.Physics") -> None:
+    def update(self, physics: mjcf.Physics) -> None:
         """Moves all objects to where they are now."""
-        self._scene.update_from_mjdata(physics.data.ptr)
+        data = physics.data.ptr
+        with self._server.atomic():
+            for body, handle in self._bodies.items():
+                handle.position = data.xpos[body]
+                handle.wxyz = data.xquat[body]
 
-    def shows(self, physics: "mjcf.Physics") -> bool:
+    def shows(self, physics: mjcf.Physics) -> bool:
         """Returns whether a model's shapes and colours are those of this scene."""
         model = physics.model.ptr
         return all(np.array_equal(value, getattr(model, name)) for name, value in self._appearance.items())
 
 
-def set_camera(server: "viser.ViserServer", physics: "mjcf.Physics", camera: int) -> None:
+def set_camera(server: viser.ViserServer, physics: mjcf.Physics, camera: int) -> None:
     """Lets browsers look through one of the model's cameras at first; they turn around what it looks at."""
-    import mujoco
-
     model, data, view = physics.model.ptr, physics.data.ptr, server.initial_camera
     position, direction = data.cam_xpos[camera], -data.cam_xmat[camera].reshape(3, 3)[:, 2]
     # Of the first geom in this direction; of the model's centre where there is none [m].
@@ -83,19 +84,7 @@ def set_camera(server: "viser.ViserServer", physics: "mjcf.Physics", camera: int
     view.fov = math.radians(model.cam_fovy[camera])
 
 
-@functools.cache
-def _scene_class() -> Any:
-    """Returns mjviser's class of scenes, without the convex hulls, which take much of a page and are never shown."""
-    import mjviser
-
-    class Scene(mjviser.ViserMujocoScene):
-        def _compute_hull_body_meshes(self) -> None:
-            pass
-
-    return Scene
-
-
-def _add_lights(server: "viser.ViserServer") -> None:
+def _add_light(server: viser.ViserServer) -> None:
     """Adds one light in place of viser's, which are slow to draw without a graphics card."""
     scene = server.scene
     scene.configure_default_lights(enabled=False, cast_shadow=False)
@@ -104,29 +93,8 @@ def _add_lights(server: "viser.ViserServer") -> None:
     scene.add_light_hemisphere("/light", ground_color=_SHADE, intensity=_BRIGHTNESS, position=_LIGHT)
 
 
-@contextlib.contextmanager
-def _light_shapes() -> Iterator[None]:
-    """Context in which mjviser makes matte shapes, and capsules of few faces.
-
-    Otherwise shapes are of bare metal, which reflects its surroundings, and a capsule has 4,096 faces. mjviser has no
-    arguments for it, and looks up the functions that make shapes when it calls them.
-    """
-    import trimesh
-    from mjviser import scene
-
-    merge, capsule = scene.merge_geoms, trimesh.creation.capsule
-
-    with (
-        unittest.mock.patch.object(scene, "merge_geoms", lambda *arguments: _with_matte_colours(merge(*arguments))),
-        unittest.mock.patch.object(trimesh.creation, "capsule", functools.partial(capsule, count=_CAPSULE)),
-    ):
-        yield
-
-
-def _with_matte_colours(mesh: Any) -> Any:
+def _with_matte_colours(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """Returns a mesh of trimesh; if it has a colour for each vertex, of a matte material."""
-    import trimesh
-
     if isinstance(mesh.visual, trimesh.visual.ColorVisuals):
         colours = mesh.visual.vertex_colors
         material = trimesh.visual.material.PBRMaterial(
@@ -137,7 +105,7 @@ def _with_matte_colours(mesh: Any) -> Any:
     return mesh
 
 
-def _textures(model: "mujoco.MjModel") -> dict[int, NDArray[np.uint8]]:
+def _textures(model: mujoco.MjModel) -> dict[int, NDArray[np.uint8]]:
     """Returns the texture `(h, w, 3)` of each material that has one, of a cube that of its first face."""
     found = {}
     for material, roles in enumerate(model.mat_texid):
@@ -151,28 +119,20 @@ def _textures(model: "mujoco.MjModel") -> dict[int, NDArray[np.uint8]]:
     return found
 
 
-def _add_fixed_shapes(server: "viser.ViserServer", model: "mujoco.MjModel", data: "mujoco.MjData") -> None:
-    """Adds all that never moves in the light, and hides it in the model, whose materials have plain colours then."""
-    from mjviser.conversions import is_fixed_body
-
-    bodies = [body for body in range(model.nbody) if is_fixed_body(model, body)]
-    fixed = np.flatnonzero(np.isin(model.geom_bodyid, bodies) & (model.geom_rgba[:, 3] > 0.0))
-    _add_surfaces(server, model, data, fixed)
-    # Materials get the mean colour of their textures, in place of these, which mjviser shows on few shapes.
+def _with_plain_colours(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Returns a copy of a model whose materials have the mean colours of their textures in place of these."""
+    plain = copy.copy(model)
     for material, texture in _textures(model).items():
-        model.mat_rgba[material, :3] *= texture.mean(axis=(0, 1)) / 255
-        model.mat_texid[material] = -1
-    _add_plain_shapes(server, model, data, fixed[model.geom_rgba[fixed, 3] > 0.0])
-    model.geom_rgba[fixed, 3] = 0.0
+        plain.mat_rgba[material, :3] *= texture.mean(axis=(0, 1)) / 255
+        plain.mat_texid[material] = -1
+    return plain
 
 
 def _add_surfaces(
-    server: "viser.ViserServer", model: "mujoco.MjModel", data: "mujoco.MjData", geoms: NDArray[np.int64]
-) -> None:
-    """Adds those of some geoms that are large and textured, such as floor and worktop, and hides them in the model."""
-    import mujoco
-
-    textures = _textures(model)
+    server: viser.ViserServer, model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]
+) -> list[int]:
+    """Adds those of some geoms that are large and textured, such as floor and worktop; returns which ones."""
+    textures, added = _textures(model), list[int]()
     for geom in geoms.tolist():
         material, lengths = model.geom_matid[geom], 2 * model.geom_size[geom]
         is_floor = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
@@ -185,36 +145,68 @@ def _add_surfaces(
         vertices = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
         textured = _textured(vertices, texture_coordinates, textures[material], model.mat_rgba[material])
         _add_in_light(server, f"/surfaces/{geom}", textured)
-        model.geom_rgba[geom, 3] = 0.0
-        if is_floor:
-            # mjviser shows a grid in place of any plane.
-            model.geom_type[geom] = mujoco.mjtGeom.mjGEOM_BOX
+        added.append(geom)
+    return added
 
 
-def _add_plain_shapes(
-    server: "viser.ViserServer", model: "mujoco.MjModel", data: "mujoco.MjData", geoms: NDArray[np.int64]
+def _add_fixed_shapes(
+    server: viser.ViserServer, model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]
 ) -> None:
-    """Adds some geoms without textures but planes, and moves them in the model to their poses in the world."""
-    import mujoco
-    from mjviser.conversions import merge_geoms
-
-    geoms = geoms[model.geom_type[geoms] != mujoco.mjtGeom.mjGEOM_PLANE]
-    for geom in geoms.tolist():
-        model.geom_pos[geom] = data.geom_xpos[geom]
-        mujoco.mju_mat2Quat(model.geom_quat[geom], data.geom_xmat[geom])
+    """Adds some geoms that never move, in plain colours."""
     if not len(geoms):
         return
-    mesh = _with_edges(merge_geoms(model, geoms.tolist()))
+    shapes = [_placed(_shape(model, geom), data.geom_xpos[geom], data.geom_xmat[geom]) for geom in geoms.tolist()]
+    mesh = _with_edges(trimesh.util.concatenate(shapes))
     is_opaque = mesh.visual.face_colors[:, 3] == 255
     for name, faces in (("opaque", is_opaque), ("transparent", ~is_opaque)):
         if faces.any():
             _add_in_light(server, f"/shapes/{name}", _with_matte_colours(mesh.submesh([faces], append=True)))
 
 
-def _with_edges(mesh: Any) -> Any:
-    """Returns a mesh of trimesh, with colours of vertices, whose smooth parts have no vertices in common."""
-    import trimesh
+def _add_bodies(server: viser.ViserServer, model: mujoco.MjModel, geoms: NDArray[np.int64]) -> dict[int, Any]:
+    """Adds each body that some geoms belong to, in plain colours; returns handles of viser's by number of the body."""
+    added = {}
+    for body in np.unique(model.geom_bodyid[geoms]).tolist():
+        shapes = []
+        for geom in geoms[model.geom_bodyid[geoms] == body].tolist():
+            rotation = np.empty(9)
+            mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+            shapes.append(_placed(_shape(model, geom), model.geom_pos[geom], rotation))
+        mesh = _with_matte_colours(trimesh.util.concatenate(shapes))
+        name = f"/bodies/{get_body_name(model, body)}"
+        added[body] = server.scene.add_mesh_trimesh(name, mesh, cast_shadow=False, receive_shadow=False)
+    return added
 
+
+def _shape(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
+    """Returns the mesh of a geom in its own frame, with a colour for each vertex."""
+    kind = model.geom_type[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = mujoco_mesh_to_trimesh(model, geom)
+    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        # mjviser's has 4,096 faces.
+        radius, half_length = model.geom_size[geom, :2]
+        mesh = trimesh.creation.capsule(radius=radius, height=2 * half_length, count=_CAPSULE)
+        material = model.geom_matid[geom]
+        colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+        colours = np.tile(np.uint8(255 * colour.clip(0.0, 1.0)), (len(mesh.vertices), 1))
+        mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=colours)
+    else:
+        mesh = create_primitive_mesh(model, geom)
+    mesh.merge_vertices()
+    return mesh
+
+
+def _placed(mesh: trimesh.Trimesh, position: NDArray[np.float64], rotation: NDArray[np.float64]) -> trimesh.Trimesh:
+    """Moves a mesh to a position `(3,)` [m] and a rotation matrix `(9,)`; returns it."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation.reshape(3, 3)
+    pose[:3, 3] = position
+    return mesh.apply_transform(pose)
+
+
+def _with_edges(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Returns a mesh of trimesh, with colours of vertices, whose smooth parts have no vertices in common."""
     is_smooth = mesh.face_adjacency_angles < _SMOOTH
     parts = trimesh.graph.connected_component_labels(mesh.face_adjacency[is_smooth], node_count=len(mesh.faces))
     corners = mesh.faces + len(mesh.vertices) * parts[:, np.newaxis]
@@ -224,8 +216,8 @@ def _with_edges(mesh: Any) -> Any:
     return trimesh.Trimesh(mesh.vertices[vertices], faces.reshape(-1, 3), vertex_colors=colours, process=False)
 
 
-def _add_in_light(server: "viser.ViserServer", name: str, mesh: Any) -> None:
-    """Adds a mesh of trimesh that never moves, with the colours that it has in the light of `_add_lights`.
+def _add_in_light(server: viser.ViserServer, name: str, mesh: trimesh.Trimesh) -> None:
+    """Adds a mesh of trimesh that never moves, with the colours that it has in the light of `_add_light`.
 
     Without a graphics card, browsers take long to compute the light for each pixel.
     """
@@ -246,7 +238,7 @@ def _make_unlit(tree: dict[str, Any]) -> None:
         material["extensions"] = {"KHR_materials_unlit": {}}
 
 
-def _floor_mesh(model: "mujoco.MjModel", geom: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _floor_mesh(model: mujoco.MjModel, geom: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns vertices `(6, 3)` [m] of the two triangles of a plane, and their texture coordinates `(6, 2)`."""
     half = np.where(model.geom_size[geom, :2] > 0.0, model.geom_size[geom, :2], _FLOOR)
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, -1), (1, 1), (-1, 1)]) * half
@@ -255,14 +247,11 @@ def _floor_mesh(model: "mujoco.MjModel", geom: int) -> tuple[NDArray[np.float64]
     return np.pad(corners, ((0, 0), (0, 1))), corners * scale
 
 
-def _solid_mesh(model: "mujoco.MjModel", geom: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _solid_mesh(model: mujoco.MjModel, geom: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Returns vertices `(3 n, 3)` [m] of the triangles of a box or mesh, and their texture coordinates `(3 n, 2)`.
 
     The texture covers each side once, as that of a cube does in MuJoCo. None for other shapes.
     """
-    import mujoco
-    import trimesh
-
     half = model.geom_size[geom]
     if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
         triangles = trimesh.creation.box(extents=2 * half).triangles
@@ -285,11 +274,8 @@ def _textured(
     texture_coordinates: NDArray[np.float64],
     texture: NDArray[np.uint8],
     rgba: NDArray[np.float32],
-) -> Any:
+) -> trimesh.Trimesh:
     """Returns a mesh of trimesh, of triangles `(3 n, 3)` with texture coordinates `(3 n, 2)`."""
-    import trimesh
-    from PIL import Image
-
     image = Image.fromarray(texture)
     image.thumbnail((_TEXTURE_SIZE, _TEXTURE_SIZE))
     # A tenth of the bytes of PNG: trimesh keeps the format that an image was read from.
@@ -302,33 +288,3 @@ def _textured(
     visual = trimesh.visual.TextureVisuals(uv=texture_coordinates, material=material)
     visual.vertex_attributes["color"] = np.full((len(vertices), 4), 255, np.uint8)
     return trimesh.Trimesh(vertices, np.arange(len(vertices)).reshape(-1, 3), visual=visual, process=False)
-
-
-class SceneRecorder(contextlib.ExitStack):
-    """Records episodes, also of models that change from episode to episode; a context manager."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._scene: WebScene | None = None
-        self._server: Any = None
-        self._recording: Any = None
-
-    def start(self, physics: "mjcf.Physics", camera: int) -> None:
-        """Begins an episode with its first frame, seen through the camera of an id at first."""
-        if self._scene is None or not self._scene.shows(physics):
-            self.close()
-            self._server = self.enter_context(silent_server())
-            self._scene = WebScene(self._server, physics, camera)
-        self._scene.update(physics)
-        self._recording = self._server.get_scene_serializer()
-
-    def add_frame(self, physics: "mjcf.Physics", seconds: float) -> None:
-        """Adds a frame, a number of seconds after the one before."""
-        assert self._scene
-        self._recording.insert_sleep(seconds)
-        self._scene.update(physics)
-
-    def finish(self, seconds: float) -> bytes:
-        """Ends the episode; returns its recording, in which the last frame is shown for a number of seconds."""
-        self._recording.insert_sleep(seconds)
-        return self._recording.serialize()
