@@ -1,41 +1,39 @@
 """Policies by name: random, zero, scripted experts, trained policies, servers, and those of a user."""
 
-from kitchen_suite.policies.registry import (
+from kitchen_suite.policies.reference import (
+    BATCH,
     OBSERVATION,
+    TIMESTEP,
+    PolicyRef,
+    find,
+    instruct,
+    labels_of,
+    takes_of,
+)
+from kitchen_suite.policies.registry import (
     POLICIES,
     Policy,
     PolicyBuilder,
     PolicyError,
     PolicySource,
     Takeover,
-    find,
-    instruct,
-    labels_of,
     load_policy,
-    missing_observables,
-    options_of,
-    player_of,
-    policy_file,
-    takes,
-    without_file,
 )
 
 __all__ = [
+    "BATCH",
     "OBSERVATION",
     "POLICIES",
+    "TIMESTEP",
     "Policy",
     "PolicyBuilder",
     "PolicyError",
+    "PolicyRef",
     "PolicySource",
     "Takeover",
     "find",
     "instruct",
     "labels_of",
     "load_policy",
-    "missing_observables",
-    "options_of",
-    "player_of",
-    "policy_file",
-    "takes",
-    "without_file",
+    "takes_of",
 ]

@@ -8,7 +8,7 @@ from helpers.episodes import play, successes
 from helpers.sweeps import brief, brief_named
 
 from kitchen_suite import experts, policies, suite
-from kitchen_suite.commands.commands import record
+from kitchen_suite.commands import record
 from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.policies.experts.encoders import ENCODERS, make_encoder

@@ -6,8 +6,8 @@ from helpers.errors import refused
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import record
-from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.commands import record
+from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.policies import experts
 from kitchen_suite.policies.experts.kitchen import KitchenExpert
 from kitchen_suite.tasks import DEFAULT_TASKS
@@ -60,7 +60,7 @@ def test_bad_settings_are_refused():
 def test_vectorised_recordings_of_the_expert(tmp_path):
     arguments = ["--task_name=random_1", "--policy=expert", "--num_episodes=3", "--num_envs=2", "--num_threads=1"]
     assert record.main([f"--output={tmp_path}/runs", *arguments]) == 0
-    folder = RecordingFolder.open(tmp_path / "runs")
+    folder = Recording.open(tmp_path / "runs")
     for index in folder.indices:
         infos = folder.load(index).last_info
         assert infos["is_success"]

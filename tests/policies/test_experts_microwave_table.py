@@ -8,7 +8,7 @@ from helpers.episodes import successes
 from helpers.sweeps import MODES, brief
 
 from kitchen_suite import experts, suite
-from kitchen_suite.commands.commands import evaluate, record, replay
+from kitchen_suite.commands import evaluate, record, replay
 from kitchen_suite.gymnasium_env import FrankaMicrowaveTableEnv
 from kitchen_suite.tasks import MicrowaveTableTask
 from kitchen_suite.tasks.variations.distributions import SPLITS

@@ -6,11 +6,10 @@ import types
 import gymnasium
 import numpy as np
 import pytest
-from helpers.errors import refused
 from helpers.sweeps import brief
 
 from kitchen_suite import policies, suite
-from kitchen_suite.commands.commands import evaluate, record, rollout
+from kitchen_suite.commands import evaluate, record, rollout
 from kitchen_suite.gymnasium_env.observations import has_pictures
 from kitchen_suite.suite import DOMAINS
 
@@ -120,7 +119,7 @@ def test_a_module_of_gyms_own_name_is_still_one(monkeypatch):
     monkeypatch.setitem(sys.modules, "gym", types.SimpleNamespace(act=lambda timestep: np.zeros(9)))
     environment = suite.load("kitchen", "kettle", {"visuals": False})
     policy = policies.find("gym:act")(environment, np.random.default_rng(0))
-    assert policies.takes(policy) == "timestep"
+    assert policies.takes_of(policy) == "timestep"
     assert policy(environment.reset()).shape == (9,)
 
 
@@ -141,9 +140,3 @@ def test_an_observation_type_is_given_once(refusal):
     error = refusal(rollout, "--obs_type=state", '--task_kwargs={"obs_type": "goal"}')
     assert "'state'" in error
     assert "'goal'" in error
-
-
-def test_a_person_is_helped_by_a_policy_of_time_steps_alone(watcher):
-    environment = suite.load("kitchen", "kettle", {"visuals": False})
-    with refused(ValueError, "TimeStep", "gym:watching:act"):
-        policies.find("teleop(policy='gym:watching:act')")(environment, np.random.default_rng(0))

@@ -10,7 +10,6 @@ from dm_env import specs
 from helpers.errors import refused
 
 from kitchen_suite import checks, policies, suite
-from kitchen_suite.settings import RolloutSettings
 
 START = dm_env.restart(observation={})
 
@@ -91,8 +90,7 @@ MALFORMED = {
     "zero(speed=1)": ("zero",),
     "expert(speed=" + "-" * 50_000 + "1)": (),
     "expert(speed=" + "[" * 2_000 + "]" * 2_000 + ")": (),
-    # A file in place of a policy, and one without quotes: the error has the name to write.
-    "runs/policy.npz": ("trained(file='runs/policy.npz')",),
+    # Without quotes: the error has the name to write.
     "trained(file=runs/policy.npz)": ("trained(file='policy.npz')",),
 }
 
@@ -101,6 +99,12 @@ MALFORMED = {
 def test_malformed_names_are_refused(name):
     with refused(ValueError, *MALFORMED[name]):
         policies.find(name)
+
+
+def test_the_path_of_a_file_is_a_trained_policy():
+    assert policies.PolicyRef.parse("runs/policy.npz") == policies.PolicyRef(
+        text="trained(file='runs/policy.npz')", key="trained", options={"file": "runs/policy.npz"}
+    )
 
 
 def test_a_policy_that_exits_is_a_policy_error(kettle, monkeypatch):
@@ -186,22 +190,3 @@ def test_the_expert_takes_over_from_a_trained_policy_at_a_step_of_the_seed():
     assert taken[0] == taken[1] != taken[2]
     with pytest.raises(policies.PolicyError, match="latest"):
         policies.find("takeover(latest=-1)")(environment, np.random.default_rng(0))
-
-
-def test_a_persons_policy_has_options_and_another_policy(kettle):
-    policy = policies.POLICIES["teleop"](kettle, np.random.default_rng(0), policy="expert(speed=0.5)")
-    timestep = kettle.reset()
-    assert policies.labels_of(policy) == {}
-    assert np.abs(policy(timestep)).max() > 0.0
-    assert policies.labels_of(policy)["is_intervention"].tolist() is False
-    policy.take_over()
-    policy(kettle.reset())
-    for options in ("policy='moon'", "policy=3", "policy='teleop'", "rewind=3", "port=80", "speed=2"):
-        with refused(policies.PolicyError, "teleop("):
-            policies.find(f"teleop({options})")(kettle, np.random.default_rng(0))
-
-
-@pytest.mark.parametrize("name", ["teleop", "teleop(policy='trained')"])
-def test_a_person_does_not_play_on_workers(name):
-    with refused(ValueError, "leave out --workers"):
-        RolloutSettings(policy=name, workers=2).ray()

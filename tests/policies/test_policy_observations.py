@@ -11,7 +11,7 @@ import pytest
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import record, rollout
+from kitchen_suite.commands import record, rollout
 
 CAMERA = {"image_size": [8, 8], "render_quality": "fast"}
 TYPES = [(domain, obs_type) for domain in suite.DOMAINS for obs_type in suite.find_domain(domain).env_class.obs_types]

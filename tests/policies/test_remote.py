@@ -21,8 +21,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
 from kitchen_suite import checks, policies
-from kitchen_suite.commands.commands import evaluate, record, rollout
-from kitchen_suite.policies import registry, remote
+from kitchen_suite.commands import evaluate, record, rollout
+from kitchen_suite.names import EXTRA_PACKAGES
+from kitchen_suite.policies import remote
 
 SIZE = 4
 SERVER = load_script("examples/policy_server")
@@ -234,7 +235,7 @@ def test_malformed_addresses_and_options_are_refused(name, pauses):
 
 
 def test_without_the_extra_the_error_names_it_and_nothing_is_imported(monkeypatch):
-    monkeypatch.setitem(registry.EXTRA_PACKAGES, "remote", ("msgpack", "websockets_that_are_not_there"))
+    monkeypatch.setitem(EXTRA_PACKAGES, "remote", ("msgpack", "websockets_that_are_not_there"))
     with refused(ImportError, "ws://localhost:1", "websockets_that_are_not_there", ".[remote]"):
         policies.find("ws://localhost:1")
     code = "import sys, kitchen_suite.policies; assert not {'msgpack', 'websockets'} & sys.modules.keys()"

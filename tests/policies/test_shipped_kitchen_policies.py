@@ -10,8 +10,8 @@ from helpers.episodes import play
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import play as play_command
-from kitchen_suite.commands.commands import rollout as rollout_command
+from kitchen_suite.commands import play as play_command
+from kitchen_suite.commands import rollout as rollout_command
 from kitchen_suite.gymnasium_env import KITCHEN_ID, FrankaKitchenEnv
 from kitchen_suite.policies import find, load_policy
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy, shipped, shipped_as

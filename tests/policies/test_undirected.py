@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import experts, policies, suite
-from kitchen_suite.commands.commands import rollout
+from kitchen_suite.commands import rollout
 from kitchen_suite.policies.experts.undirected import UndirectedExpert
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.kitchen.goals import REVERSES
