@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from dm_control import composer, mjcf
+from dm_control import composer
 from numpy.typing import NDArray
 
 from kitchen_suite.types import Array
@@ -76,26 +76,6 @@ class Records:
           `n` names and a mask `(T + 1, n)`; None if the arrays do not determine it.
         """
         return None
-
-    def restore(self, physics: mjcf.Physics, observation: Array) -> None:
-        """Moves robot and objects to the positions and velocities of a recorded observation.
-
-        The caller updates what MuJoCo derives from these, as `Environment.set_state` does. Raises a ValueError if the
-        task's episodes start from a seed only.
-        """
-        self._refuse_without_seed()
-
-    def set_observed_positions(self, observation: Array) -> None:
-        """Makes the next action start from the robot's positions in a recorded observation; raises as `restore`."""
-        self._refuse_without_seed()
-
-    def is_initial(self, physics: mjcf.Physics, observation: Array) -> bool:
-        """Whether a recorded observation is one of the present physics state, up to noise and rounding."""
-        return True
-
-    def _refuse_without_seed(self) -> None:
-        name = type(self._task).__name__
-        raise ValueError(f"an episode of {name} can be repeated only from its seed, which is missing")
 
 
 class OpeningRecords(Records):

@@ -119,13 +119,3 @@ class SceneIndices:
                 raise ValueError(f"goal of {task!r} must have {indices.size} values, got {goal.value}")
         self.goal_qpos = np.concatenate(goal_qpos)
         self.ctrl = physics.bind(scene.robot.actuators).element_id
-
-    def write(self, physics: mjcf.Physics, observation: Array) -> None:
-        """Sets qpos and qvel to those of an observation: positions and velocities of robot, then of objects."""
-        qpos = physics.data.qpos
-        qvel = physics.data.qvel
-        start = 0
-        parts = (qpos, self.robot_qpos), (qvel, self.robot_qvel), (qpos, self.object_qpos), (qvel, self.object_qvel)
-        for field, indices in parts:
-            field[indices] = observation[start : start + indices.size]
-            start += indices.size

@@ -3,6 +3,6 @@
 import kitchen_suite.rendering.without_gl  # noqa: F401
 from kitchen_suite.environment.environment import Environment, Origin
 from kitchen_suite.environment.physics import Physics
-from kitchen_suite.environment.states import PHYSICS_STATE
+from kitchen_suite.environment.states import INTEGRATION_STATE
 
-__all__ = ["PHYSICS_STATE", "Environment", "Origin", "Physics"]
+__all__ = ["INTEGRATION_STATE", "Environment", "Origin", "Physics"]

@@ -23,7 +23,7 @@ from kitchen_suite.environment.physics import Physics
 from kitchen_suite.environment.private_names import check_private_names
 from kitchen_suite.environment.random_states import checked_random, first_seed, make_random_state
 from kitchen_suite.environment.seeds import NEXT_SEED, UNKNOWN, checked_next_seed, checked_stride, known
-from kitchen_suite.environment.states import ASLEEP, PHYSICS_STATE, check_sleep, shared_elements, write_sleep
+from kitchen_suite.environment.states import ASLEEP, INTEGRATION_STATE, check_sleep, shared_elements, write_sleep
 from kitchen_suite.environment.updater import UnbufferedUpdater
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.task import SuiteTask
@@ -281,7 +281,7 @@ class Environment(composer.Environment):
     def get_state(self) -> dict[str, Any]:
         """Returns the state on which later steps depend: the same whether or not the scene has visuals."""
         scene, physics = self._task.scene, np.empty(self._is_shared.size)
-        mujoco.mj_getState(self._physics.model.ptr, self._physics.data.ptr, physics, PHYSICS_STATE)
+        mujoco.mj_getState(self._physics.model.ptr, self._physics.data.ptr, physics, INTEGRATION_STATE)
         return {
             "physics": physics[self._is_shared],
             "task": self._task.get_state(),
@@ -332,7 +332,7 @@ class Environment(composer.Environment):
         model, data = self._physics.model.ptr, self._physics.data.ptr
         whole = np.zeros(self._is_shared.size)
         whole[self._is_shared] = state["physics"]
-        mujoco.mj_setState(model, data, whole, PHYSICS_STATE)
+        mujoco.mj_setState(model, data, whole, INTEGRATION_STATE)
         if self._task.scene.sleeps:
             # What sleeps keeps the pose that it has now.
             mujoco.mj_step1(model, data)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY
 
-PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+INTEGRATION_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 """The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""
 
 
@@ -20,12 +20,17 @@ def shared_elements(model: mujoco.MjModel) -> NDArray[np.bool_]:
 
     Forces on bodies that hold only visual geoms are not among them: a scene without visuals has no such bodies.
     """
-    is_shared = np.ones(mujoco.mj_stateSize(model, PHYSICS_STATE), bool)
+    is_shared = np.ones(mujoco.mj_stateSize(model, INTEGRATION_STATE), bool)
     # Six numbers for each body, after the parts of the lower flags: MuJoCo concatenates in the flags' order.
-    start = mujoco.mj_stateSize(model, int(PHYSICS_STATE) & (int(mujoco.mjtState.mjSTATE_XFRC_APPLIED) - 1))
+    start = mujoco.mj_stateSize(model, int(INTEGRATION_STATE) & (int(mujoco.mjtState.mjSTATE_XFRC_APPLIED) - 1))
     forces = is_shared[start : start + 6 * model.nbody].reshape(model.nbody, 6)
     forces[:] = [[not model.body(i).name.endswith(VISUAL_BODY)] for i in range(model.nbody)]
     return is_shared
+
+
+def moving_elements(model: mujoco.MjModel) -> slice:
+    """Returns where `qpos`, `qvel` and `act` are in an `INTEGRATION_STATE`: after the time, the lowest flag."""
+    return slice(1, 1 + model.nq + model.nv + model.na)
 
 
 def check_sleep(tree_asleep: NDArray[np.int32]) -> None:

@@ -3,6 +3,8 @@
 The names, for an episode of `T` control steps:
   `observation`, or `observation/<key>` with any number of keys: `(T + 1, ...)`, from the reset to the last step.
   `info/<key>`: `(T + 1, ...)`, from the reset to the last step.
+  `physics_state`: `(T + 1, nq + nv + na)` float64, from the reset to the last step: MuJoCo's `qpos`, `qvel` and `act`,
+    as `physics.get_state()` of dm_control. Older recordings and those of other programs lack it.
   `action`: `(T, n)`, as it was applied.
   `reward`: `(T,)` float64; `termination`, `truncation`: `(T,)` bool.
   `label/<key>`: `(T, ...)`, what the policy says of its actions, such as `is_intervention`; with most policies, none.
@@ -23,6 +25,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from kitchen_suite import files
+from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.tasks.records import Metrics
 
@@ -36,6 +39,9 @@ class Step(NamedTuple):
     truncation: Any
 
 
+# Name of the array of physics states.
+PHYSICS_STATE = "physics_state"
+
 # Kinds of NumPy dtypes, rows beside one a control step, and dimensions (0: any) of the arrays above.
 _LAYOUT = {
     "action": ("f", 0, 2),
@@ -44,18 +50,40 @@ _LAYOUT = {
     "truncation": ("b", 0, 1),
     "observation": ("uif", 1, 0),
     "info": ("biuf", 1, 0),
+    PHYSICS_STATE: ("f", 1, 2),
     "label": ("biuf", 0, 0),
 }
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class EpisodeArrays:
+class Summary:
+    """What an episode came to.
+
+    Attributes:
+      seed: of the environment's reset; None if unknown.
+      steps: number of control steps.
+      total_reward: undiscounted return.
+      metrics: of its task by name, such as `success`.
+      seconds: its share of the time that playing took [s].
+    """
+
+    seed: int | None
+    steps: int
+    total_reward: float
+    metrics: Metrics
+    seconds: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Episode:
     """An episode: its number in the recording, and its arrays by the names above.
 
     Attributes:
       seed: seed of the environment's reset; None if unknown.
       seconds: its share of the time that playing took [s].
       instruction: the task's sentence; the empty string if it has none.
+      metrics: of its task by name, such as `success`; none for an episode that another program recorded.
+      diverged: whether the physics has diverged; the last step has no meaning then, and neither have the last infos.
     """
 
     index: int
@@ -63,11 +91,36 @@ class EpisodeArrays:
     arrays: Mapping[str, NDArray]
     seconds: float = 0.0
     instruction: str = ""
+    metrics: Metrics = dataclasses.field(default_factory=dict)
+    diverged: bool = False
 
     @property
     def steps(self) -> int:
         """Number of control steps."""
         return len(self.arrays["reward"])
+
+    @property
+    def summary(self) -> Summary:
+        return Summary(
+            seed=self.seed,
+            steps=self.steps,
+            total_reward=float(self.arrays["reward"].sum()),
+            metrics=self.metrics,
+            seconds=self.seconds,
+        )
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the names, types, shapes and contents of the arrays, and of the episode's number."""
+        digest = hashlib.sha256()
+        self.update_digest(digest)
+        return digest.hexdigest()
+
+    def update_digest(self, digest: "hashlib._Hash") -> None:
+        """Adds the arrays to a digest of several episodes."""
+        for name, array in sorted(self.arrays.items()):
+            digest.update(f"{self.index} {name} {array.dtype.str} {array.shape} ".encode())
+            digest.update(array.tobytes())
 
     @property
     def actions_sha256(self) -> str:
@@ -99,25 +152,6 @@ class EpisodeArrays:
     def labels(self) -> dict[str, NDArray]:
         """The arrays of the policy's labels, by the names above."""
         return {name: rows for name, rows in self.arrays.items() if _part(name) == "label"}
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class EpisodeStats:
-    """Statistics of an episode: control steps, undiscounted return, the task's metrics, time that playing took [s]."""
-
-    seed: int | None
-    steps: int
-    total_reward: float
-    metrics: Metrics
-    seconds: float
-
-    @classmethod
-    def of(cls, episode: EpisodeArrays, metrics: Metrics) -> "EpisodeStats":
-        """Returns the statistics of an episode, given the task's metrics of it."""
-        total_reward = float(episode.arrays["reward"].sum())
-        return cls(
-            seed=episode.seed, steps=episode.steps, total_reward=total_reward, metrics=metrics, seconds=episode.seconds
-        )
 
 
 def _part(name: str) -> str:
@@ -160,20 +194,30 @@ def check_file_size(observation_space: spaces.Space, steps: int) -> None:
 
 
 class EpisodeBuffer:
-    """The steps of an episode in progress, from the observation and the info of its reset, and a name for readers."""
+    """The steps of an episode in progress, from the observation, the info and the physics state of its reset on.
 
-    def __init__(self, observation: Any, info: Mapping[str, Any], name: str = "") -> None:
+    `name` is one for readers. Without a physics state at the reset there is none after the steps either.
+    """
+
+    def __init__(
+        self, observation: Any, info: Mapping[str, Any], physics_state: NDArray | None = None, name: str = ""
+    ) -> None:
         self.name = name
         self.observation = observation
-        self._rows = [_row(observation, info)]
+        self._rows = [_row(observation, info, physics_state)]
         self._steps: list[Step] = []
         self._labels: list[Mapping[str, Any]] = []
 
     def add(
-        self, step: Step, observation: Any, info: Mapping[str, Any], labels: Mapping[str, Any] = MappingProxyType({})
+        self,
+        step: Step,
+        observation: Any,
+        info: Mapping[str, Any],
+        physics_state: NDArray | None = None,
+        labels: Mapping[str, Any] = MappingProxyType({}),
     ) -> None:
         self.observation = observation
-        self._rows.append(_row(observation, info))
+        self._rows.append(_row(observation, info, physics_state))
         self._steps.append(step)
         self._labels.append(flatten(labels, "label"))
 
@@ -181,7 +225,8 @@ class EpisodeBuffer:
         self, environment: gymnasium.Env, action: NDArray, labels: Mapping[str, Any] = MappingProxyType({})
     ) -> None:
         observation, reward, termination, truncation, info = environment.step(action)
-        self.add(Step(action, float(reward), termination, truncation), observation, info, labels)
+        step = Step(action, float(reward), termination, truncation)
+        self.add(step, observation, info, suite_env(environment).physics_state, labels)
 
     def truncate(self) -> None:
         self._steps[-1] = self._steps[-1]._replace(truncation=True)
@@ -217,25 +262,26 @@ class EpisodeBuffer:
             return dm_env.restart(observation)
         return dm_env.transition(self.reward, observation)
 
-    def arrays(self, *, with_observations: bool = True) -> dict[str, NDArray]:
-        """Returns the arrays of the episode so far; unless wanted, observations of no numbers, and no infos."""
-        columns, nothing = zip(*self._steps, strict=True), {"observation": np.empty(0)}
-        rows = self._rows if with_observations else [nothing] * len(self._rows)
+    def arrays(self) -> dict[str, NDArray]:
+        """Returns the arrays of the episode so far."""
+        columns = zip(*self._steps, strict=True)
         return {
-            **{name: np.stack([row[name] for row in rows]) for name in rows[0]},
+            **{name: np.stack([row[name] for row in self._rows]) for name in self._rows[0]},
             **{name: np.array(column) for name, column in zip(Step._fields, columns, strict=True)},
             **{name: np.array([labels[name] for labels in self._labels]) for name in self._labels[0]},
         }
 
-    def episode(self, environment: gymnasium.Env, index: int, seed: int | None, seconds: float = 0.0) -> EpisodeArrays:
-        """Returns the episode so far, with the sentence of the environment's present episode."""
-        arrays, instruction = self.arrays(), suite_env(environment).instruction
-        return EpisodeArrays(index=index, seed=seed, arrays=arrays, seconds=seconds, instruction=instruction)
+    def episode(self, environment: gymnasium.Env, index: int, seed: int | None, seconds: float = 0.0) -> Episode:
+        """Returns the episode so far, with the sentence and the metrics of the environment's present episode."""
+        inner = suite_env(environment)
+        episode = Episode(index=index, seed=seed, arrays=self.arrays(), seconds=seconds, instruction=inner.instruction)
+        metrics = inner.composer_task.records.metrics(episode.last_info)
+        return dataclasses.replace(episode, metrics=metrics)
 
     def differing(self, arrays: Mapping[str, NDArray]) -> str:
         """Returns the name of an array of an episode of which the present steps are not the first ones, or nothing.
 
-        Of observations and infos only the last ones are compared.
+        Of observations, infos and physics states only the last ones are compared.
         """
         rewards = np.array([step.reward for step in self._steps])
         if not np.array_equal(rewards, arrays["reward"][: self.steps]):
@@ -249,10 +295,15 @@ class EpisodeBuffer:
 # Numbers and seeds of episodes to play, taken from the left.
 Waiting = collections.deque[tuple[int, int]]
 
-# Called with an episode in progress after its reset and after every step.
-Watch = Callable[[EpisodeBuffer], None]
+Watch = Callable[[EpisodeBuffer, Environment], None]
+"""Called with an episode in progress and its environment, after its reset and after every step."""
 
 
-def _row(observation: Any, info: Mapping[str, Any]) -> dict[str, NDArray]:
+def ignore(buffer: EpisodeBuffer, environment: Environment) -> None:
+    """Watches nothing."""
+
+
+def _row(observation: Any, info: Mapping[str, Any], physics_state: NDArray | None) -> dict[str, NDArray]:
     arrays = {name: value for name, value in flatten(info, "info").items() if isinstance(value, np.ndarray)}
-    return {**flatten(observation, "observation"), **arrays}
+    state = {} if physics_state is None else {PHYSICS_STATE: physics_state}
+    return {**flatten(observation, "observation"), **arrays, **state}

@@ -4,19 +4,42 @@ import collections
 import contextlib
 import dataclasses
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+import traceback
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import dm_env
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
-from kitchen_suite.episodes.episode import EpisodeArrays, EpisodeBuffer, Step, Waiting, Watch, flatten
-from kitchen_suite.episodes.spec import EpisodePolicies, EpisodeSpec, clipped_action, reset_to_seed, seeded_policies
+from kitchen_suite import checks
+from kitchen_suite.episodes.cluster import Cluster
+from kitchen_suite.episodes.episode import PHYSICS_STATE, Episode, EpisodeBuffer, Step, Waiting, Watch, flatten, ignore
+from kitchen_suite.episodes.spec import (
+    EnvironmentSpec,
+    EpisodeSpec,
+    clipped_action,
+    even_count,
+    policy_generator,
+    reset_to_seed,
+)
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies import OBSERVATION, Policy, PolicyBuilder, PolicyError, instruct, labels_of, takes
+from kitchen_suite.policies import (
+    BATCH,
+    OBSERVATION,
+    TIMESTEP,
+    Policy,
+    PolicyBuilder,
+    PolicyError,
+    PolicyRef,
+    instruct,
+    labels_of,
+    takes_of,
+)
+from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 REWIND_STEPS = 250  # Control steps that an episode can go back.
@@ -37,17 +60,32 @@ class SingleRollout:
     options: Mapping[str, Any] | None
     policy: Policy
 
-    def __init__(self, spec: EpisodeSpec, build_policy: PolicyBuilder | None = None, **extra: Any) -> None:
-        """Makes the environment, with `extra` further arguments, and finds the policy, if no builder is given."""
+    def __init__(
+        self, spec: EpisodeSpec, build_policy: PolicyBuilder, *, action_dtype: DTypeLike | None = None, **extra: Any
+    ) -> None:
+        """Makes the environment.
+
+        Args:
+          spec: of the episodes.
+          build_policy: builds the policy of each episode.
+          action_dtype: type that actions are rounded to, as `play` and recordings do to that of the action space; they
+            are left as the policy returns them when None.
+          **extra: additional arguments of the environment.
+        """
         self._spec = spec
+        self._action_dtype = action_dtype
+        self._build_policy = build_policy
         self.environment = spec.make_environment(**extra)
-        self._policies = seeded_policies(build_policy) if build_policy else spec.episode_policies()
 
     def start(self, seed: int, name: str = "", options: Mapping[str, Any] | None = None) -> None:
         """Starts the episode of a seed, with a name for readers; raises a PolicyError if the policy cannot be built."""
         self.options = options
-        self.buffer = EpisodeBuffer(*reset_to_seed(self.environment, seed, self._spec.seeding, options), name=name)
-        self.policy = self._policies(suite_env(self.environment).environment, seed, options)
+        environment = suite_env(self.environment)
+        observation, info = reset_to_seed(self.environment, seed, self._spec.seeding, options)
+        self.buffer = EpisodeBuffer(observation, info, environment.physics_state, name)
+        self.policy = self._build_policy(environment.environment, policy_generator(seed))
+        if takes_of(self.policy) == BATCH:
+            raise PolicyError("a policy of a batch acts in vectorised environments alone")
 
     def step(self) -> None:
         """Makes a control step with the policy's action.
@@ -55,24 +93,25 @@ class SingleRollout:
         Raises a PhysicsError if the physics diverges, a PolicyError for an exception or a bad action of the policy.
         """
         environment = suite_env(self.environment)
-        seen = self.buffer.observation if takes(self.policy) == OBSERVATION else self.buffer.timestep(environment)
+        seen = self.buffer.observation if takes_of(self.policy) == OBSERVATION else self.buffer.timestep(environment)
         instruct(self.policy, lambda: environment.instruction)
         action = clipped_action(self.policy, seen, self.environment.action_space)
+        if self._action_dtype is not None:
+            action = action.astype(self._action_dtype)
         self.repeat(action, labels_of(self.policy))
 
     def repeat(self, action: NDArray, labels: Mapping[str, Any]) -> None:
         self.buffer.step(self.environment, action, labels)
 
-    def play(
-        self, index: int, seed: int, watch: Watch = lambda buffer: None, options: Mapping[str, Any] | None = None
-    ) -> EpisodeArrays:
+    def play(self, index: int, seed: int, watch: Watch = ignore, options: Mapping[str, Any] | None = None) -> Episode:
         """Plays an episode; `watch` is called after the reset and after every step."""
         started = time.perf_counter()
+        environment = suite_env(self.environment).environment
         self.start(seed, episode_name(index, seed), options)
-        watch(self.buffer)
+        watch(self.buffer, environment)
         while not self.buffer.has_ended:
             self.step()
-            watch(self.buffer)
+            watch(self.buffer, environment)
         return self.buffer.episode(self.environment, index, seed, time.perf_counter() - started)
 
 
@@ -82,7 +121,7 @@ class RewindableRollout(SingleRollout):
     What is left of the episode afterwards is to the bit what it would be if it had never gone otherwise.
     """
 
-    def __init__(self, spec: EpisodeSpec, build_policy: PolicyBuilder | None = None, **extra: Any) -> None:
+    def __init__(self, spec: EpisodeSpec, build_policy: PolicyBuilder, **extra: Any) -> None:
         # Gymnasium's time limit could not go back.
         super().__init__(spec, build_policy, max_episode_steps=-1, **extra)
 
@@ -142,24 +181,26 @@ class PolicyController:
     """Acts by a policy of its own in each environment.
 
     Policies take time steps as the suite's own environment returns them, or observations of the Gymnasium environment;
-    see `policies.takes`.
+    see `policies.takes_of`.
     """
 
-    def __init__(self, environments: SuiteVectorEnv, episode_policies: EpisodePolicies) -> None:
-        self._environments, self._episode_policies = environments, episode_policies
+    def __init__(self, environments: SuiteVectorEnv, build_policy: PolicyBuilder) -> None:
+        self._environments = environments
+        self._build_policy = build_policy
         assert isinstance(environments.single_action_space, gymnasium.spaces.Box)
         self._space = environments.single_action_space
         self._policies: dict[int, Policy] = {}
+        self._label_names: set[str] | None = None
         self.labels: dict[str, NDArray] = {}
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
         environment = self._environments.template_of(i).environment
-        self._policies[i] = self._episode_policies(environment, seed, options)
+        self._policies[i] = self._build_policy(environment, policy_generator(seed))
 
     def act(self, step: BatchStep) -> NDArray:
         actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
         playing = np.flatnonzero(step.is_playing).tolist()
-        if takes(self._policies[playing[0]]) == OBSERVATION:
+        if takes_of(self._policies[playing[0]]) == OBSERVATION:
             for i in playing:
                 actions[i] = self._action(i, _row(step.observations, i))
         else:
@@ -170,6 +211,10 @@ class PolicyController:
                 timestep = dm_env.restart(observation) if first else dm_env.transition(reward, observation)
                 actions[i] = self._action(i, timestep)
         each = [labels_of(self._policies[i]) for i in playing]
+        names = {*each[0]} if self._label_names is None else self._label_names
+        self._label_names = names
+        if odd := sorted({name for one in each for name in names ^ one.keys()}):
+            raise PolicyError(f"a policy has labels {odd} of some actions alone")
         labels = {name: np.array([one[name] for one in each]) for name in each[0]}
         # Zeros where no episode is played.
         self.labels = {name: np.zeros((len(actions), *rows.shape[1:]), rows.dtype) for name, rows in labels.items()}
@@ -213,7 +258,7 @@ class VectorEpisode:
     """An episode in environment `i` of many.
 
     Attributes:
-      rows: observations and infos of all environments after its reset and after each of its `steps`.
+      rows: observations, infos and physics states of all environments after its reset and after each of its `steps`.
       seconds: its share of the time that playing took [s].
       instruction: the task's sentence, once the episode has ended.
       diverged: whether the physics has diverged; the last step has no meaning then, and neither have the last infos.
@@ -222,7 +267,7 @@ class VectorEpisode:
     i: int
     index: int
     seed: int
-    rows: list[dict[str, NDArray]] = dataclasses.field(default_factory=list)
+    rows: list[dict[str, Sequence[NDArray]]] = dataclasses.field(default_factory=list)
     steps: list[dict[str, NDArray]] = dataclasses.field(default_factory=list)
     seconds: float = 0.0
     instruction: str = ""
@@ -238,13 +283,21 @@ class VectorEpisode:
         last = self.rows[-1].items()
         return {name.removeprefix("info/"): rows[self.i] for name, rows in last if name.startswith("info/")}
 
-    def collect(self) -> EpisodeArrays:
+    def collect(self, task: SuiteTask) -> Episode:
+        """Returns the episode, with the metrics of its task."""
         arrays = {
             **{name: np.stack([row[name][self.i] for row in self.rows]) for name in self.rows[0]},
             **{name: np.stack([step[name][self.i] for step in self.steps]) for name in self.steps[0]},
         }
-        shared = {name: getattr(self, name) for name in ("index", "seed", "seconds", "instruction")}
-        return EpisodeArrays(arrays=arrays, **shared)
+        return Episode(
+            index=self.index,
+            seed=self.seed,
+            arrays=arrays,
+            seconds=self.seconds,
+            instruction=self.instruction,
+            metrics={} if self.diverged else task.records.metrics(self.last_info),
+            diverged=self.diverged,
+        )
 
 
 class VectorRollout:
@@ -303,7 +356,7 @@ class VectorRollout:
         names = {name for chosen in each for name in chosen}
         options = {"reset_mask": mask, **{name: [chosen.get(name) for chosen in each] for name in names}}
         self._observations, infos = self._environments.reset(seed=seeds, options=options)
-        row = _named(self._observations, infos)
+        row = self._row(infos)
         for episode in filter(None, starting):
             episode.rows.append(row)
 
@@ -315,17 +368,20 @@ class VectorRollout:
         diverged = infos.pop("physics_error", np.zeros(is_playing.size, bool))
         named = Step(actions, self._rewards, terminations, truncations)._asdict()
         step = {**named, **flatten(self._controller.labels, "label")}
-        row = _named(self._observations, infos)
+        row = self._row(infos)
         for episode in playing:
             episode.steps.append(step)
             episode.rows.append(row)
             episode.diverged = bool(diverged[episode.i])
         return terminations | truncations
 
+    def _row(self, infos: Mapping[str, NDArray]) -> dict[str, Sequence[NDArray]]:
+        """Returns the present observations, infos and physics states of all environments by the names of episodes.
 
-def _named(observations: Any, infos: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """Returns observations and infos `(n, ...)` by the names of `EpisodeArrays`: no masks of infos, and no strings."""
-    return {**flatten(observations, "observation"), **flatten(_numbers(infos), "info")}
+        There are no masks of infos, and no strings.
+        """
+        observations, numbers = flatten(self._observations, "observation"), flatten(_numbers(infos), "info")
+        return {**observations, **numbers, PHYSICS_STATE: self._environments.physics_state}
 
 
 def _numbers(infos: Mapping[str, Any]) -> dict[str, Any]:
@@ -336,35 +392,129 @@ def _numbers(infos: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+class _BatchPolicy:
+    """Acts by a callable of the observations of all environments, whose actions are checked and clipped."""
+
+    labels: Mapping[str, NDArray] = MappingProxyType({})
+
+    def __init__(self, policy: PolicyRef, environments: SuiteVectorEnv) -> None:
+        """Takes a policy that takes a batch."""
+        assert policy.function is not None
+        assert isinstance(environments.action_space, gymnasium.spaces.Box)
+        self._text = policy.text
+        self._function = policy.function
+        self._space = environments.action_space
+
+    def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
+        """Does nothing: the callable is told of no episode."""
+
+    def act(self, step: BatchStep) -> NDArray:
+        try:
+            given = self._function(step.observations)
+        except (Exception, SystemExit) as error:
+            frame = traceback.extract_tb(error.__traceback__)[-1]
+            problem = f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})"
+            raise PolicyError(f"policy {self._text} raised {problem}") from error
+        actions = np.asarray(given)
+        if actions.shape != self._space.shape or actions.dtype.kind not in "fiu":
+            found = f"{actions.dtype} of shape {actions.shape}"
+            raise PolicyError(f"policy {self._text} returned {found}, not numbers of shape {self._space.shape}")
+        # Rows without an episode are not looked at.
+        if not np.isfinite(actions[step.is_playing]).all():
+            raise PolicyError(f"policy {self._text} returned actions that are not finite")
+        return np.nan_to_num(actions).clip(self._space.low, self._space.high).astype(self._space.dtype)
+
+
+def make_controller(spec: EpisodeSpec, policy: PolicyRef, environments: SuiteVectorEnv) -> Controller:
+    """Returns what acts by a policy in vectorised environments of a specification."""
+    if policy.takes == BATCH:
+        return _BatchPolicy(policy, environments)
+    return PolicyController(environments, policy.builder(spec.policy_sha256))
+
+
 def play_many(
-    spec: EpisodeSpec, waiting: Waiting, num_envs: int, num_threads: int | None
-) -> Generator[tuple[int, EpisodeArrays | None], None, None]:
-    """Yields what `VectorRollout.play` does, with the arrays of an episode; None if its physics has diverged."""
+    spec: EpisodeSpec, policy: PolicyRef, waiting: Waiting, num_envs: int, num_threads: int | None = None
+) -> Generator[Episode, None, None]:
+    """Yields each of the `waiting` episodes as it ends, of environments that are stepped together."""
     with contextlib.closing(spec.make_vector_env(num_envs, num_threads)) as environments:
-        controller = PolicyController(environments, spec.episode_policies())
-        for index, episode in VectorRollout(environments, controller).play(waiting):
-            yield index, None if episode.diverged else episode.collect()
+        controller = make_controller(spec, policy, environments)
+        for _, episode in VectorRollout(environments, controller).play(waiting):
+            yield episode.collect(environments.composer_task)
 
 
-class SingleRunner:
-    """Plays episodes one after the other; a `workers.pool.EpisodeRunner`."""
+def play(
+    spec: EnvironmentSpec,
+    policy: str | Path | PolicyRef | Callable[[Any], Any],
+    seeds: Iterable[int],
+    *,
+    takes: str = TIMESTEP,
+    num_envs: int = 1,
+    num_threads: int | None = None,
+    cluster: Cluster | None = None,
+) -> Generator[Episode, None, None]:
+    """Plays an episode for each seed, and yields it as it ends.
 
-    def __init__(self, spec: EpisodeSpec) -> None:
-        self._rollout, self._waiting = SingleRollout(spec), Waiting()
+    An episode is that of `env.reset(seed=seed)` in a new Gymnasium environment, with actions of its action space's
+    type. It depends neither on the other episodes nor on how many are played at once: the policy of each is built anew,
+    with random numbers of its own. A callable is the same object in every episode; one with a memory has to be played
+    with `num_envs=1`.
 
-    def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, EpisodeArrays]:
-        self._waiting.extend(more)
-        index, seed = self._waiting.popleft()
-        return index, self._rollout.play(index, seed)
+    Args:
+      spec: of the environments, with the extra observables that the policy needs.
+      policy: a name such as `expert(speed=0.8)`, the path of a trained policy, the address of a server, or a callable;
+        see `PolicyRef.of`.
+      seeds: of the episodes.
+      takes: what a callable is called with: `timestep`, `observation` or `batch`.
+      num_envs: greatest number of environments that are stepped together; fewer, where all can then play to the end.
+      num_threads: number of threads that step them; when None one per processor, and one in the workers of a cluster.
+      cluster: Ray workers that play the episodes, `num_envs` at a time in each; this process when None.
+
+    Yields:
+      The episodes in the order in which they end; `index` is the place of its seed. An episode in which the physics
+      diverged is `diverged`.
+
+    Raises:
+      PolicyError: the policy cannot be built, raises an exception, or returns a bad action.
+      ValueError: an argument is not valid.
+    """
+    reference = PolicyRef.of(policy, takes)
+    numbers = [(index, checks.integer(seed, "seed", minimum=0)) for index, seed in enumerate(seeds)]
+    if not numbers:
+        return
+    episodes = spec if isinstance(spec, EpisodeSpec) else spec.episodes(reference, seed=numbers[0][1])
+    yield from play_numbered(episodes, reference, numbers, num_envs=num_envs, num_threads=num_threads, cluster=cluster)
 
 
-class VectorRunner:
-    """Plays many episodes at once; a `workers.pool.EpisodeRunner`."""
+def play_numbered(
+    spec: EpisodeSpec,
+    policy: PolicyRef,
+    numbers: Sequence[tuple[int, int]],
+    *,
+    num_envs: int,
+    num_threads: int | None,
+    cluster: Cluster | None,
+) -> Generator[Episode, None, None]:
+    """Plays the episodes of numbers and seeds as `play` does."""
+    checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
+    if not numbers:
+        return
+    if cluster is None:
+        yield from play_many(spec, policy, Waiting(numbers), even_count(len(numbers), num_envs), num_threads)
+        return
+    arguments = (spec, policy, num_envs, num_threads or 1)
+    for episode in cluster.run(play_part, arguments, numbers, num_cpus=num_threads or 1):
+        yield dataclasses.replace(episode, seconds=episode.seconds / cluster.workers)
 
-    def __init__(self, spec: EpisodeSpec, num_envs: int, num_threads: int) -> None:
-        self._waiting = Waiting()
-        self._episodes = play_many(spec, self._waiting, num_envs, num_threads)
 
-    def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, EpisodeArrays | None]:
-        self._waiting.extend(more)
-        return next(self._episodes)
+def play_part(
+    numbers: Sequence[tuple[int, int]], spec: EpisodeSpec, policy: PolicyRef, num_envs: int, num_threads: int
+) -> list[Episode]:
+    """Plays some episodes in a process of a cluster."""
+    return [*play_many(spec, policy, Waiting(numbers), even_count(len(numbers), num_envs), num_threads)]
+
+
+def play_singly(numbers: Sequence[tuple[int, int]], spec: EpisodeSpec, policy: PolicyRef) -> list[Episode]:
+    """Plays some episodes one after the other, with float64 actions, in a process of a cluster."""
+    rollout = SingleRollout(spec, policy.builder(spec.policy_sha256))
+    with contextlib.closing(rollout.environment):
+        return [rollout.play(index, seed) for index, seed in numbers]

@@ -2,12 +2,12 @@
 
 import dataclasses
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from kitchen_suite import files
-from kitchen_suite.episodes.episode import EpisodeArrays, EpisodeStats
+from kitchen_suite.episodes.episode import Episode, Summary
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.tasks.records import Metrics
 
@@ -30,21 +30,21 @@ class _Metadata:
     recording: Mapping[str, Any]
 
 
-class RecordingFolder:
-    """The folder of one recording, whose episodes have the specification `spec`; see `create`, `claim` and `open`."""
+class Recording:
+    """A folder of episodes, which all have the specification `spec`; see `create`, `claim` and `open`."""
 
     def __init__(self, folder: Path, spec: EpisodeSpec) -> None:
-        self._folder, self.spec = folder, spec
+        self.folder, self.spec = folder, spec
 
     @classmethod
-    def create(cls, folder: Path, spec: EpisodeSpec) -> "RecordingFolder":
+    def create(cls, folder: Path, spec: EpisodeSpec) -> "Recording":
         """Starts a new recording; raises as `claim`, and a FileExistsError for a folder that holds episodes already."""
         if any(folder.glob(_PATTERN)):
             raise FileExistsError(f"{folder} holds episodes already, which are never overwritten: name another folder")
         return cls.claim(folder, spec)
 
     @classmethod
-    def claim(cls, folder: Path, spec: EpisodeSpec) -> "RecordingFolder":
+    def claim(cls, folder: Path, spec: EpisodeSpec) -> "Recording":
         """Starts a new recording, or continues an interrupted one; a ValueError if its specification is another one.
 
         Of several processes that start different recordings in one folder at the same time, one succeeds. Raises an
@@ -60,7 +60,7 @@ class RecordingFolder:
         return present
 
     @classmethod
-    def open(cls, folder: Path) -> "RecordingFolder":
+    def open(cls, folder: Path) -> "Recording":
         """Opens a recording; raises an OSError if there is none, or it cannot be read."""
         path = folder / SPEC_FILE
         record = files.load_json(path, "the specification of a recording")
@@ -73,18 +73,28 @@ class RecordingFolder:
     def indices(self) -> list[int]:
         """Numbers of the episodes in the folder, in order."""
         first = len(_PATTERN.partition("*")[0])
-        numbers = (path.stem[first:] for path in self._folder.glob(_PATTERN))
+        numbers = (path.stem[first:] for path in self.folder.glob(_PATTERN))
         return sorted(int(number) for number in numbers if number.isdecimal())
 
-    def save(self, episode: EpisodeArrays, stats: EpisodeStats) -> None:
+    def present(self, count: int) -> list[int]:
+        """Returns the numbers of those of the first `count` episodes that are in the folder."""
+        return [index for index in self.indices if index < count]
+
+    def missing(self, count: int) -> list[tuple[int, int]]:
+        """Returns number and seed of those of the first `count` episodes that are not in the folder."""
+        present = {*self.indices}
+        return [(index, self.spec.seed + index) for index in range(count) if index not in present]
+
+    def append(self, episode: Episode) -> None:
         """Writes an episode as a compressed npz that `numpy.load` reads without pickle, with its metadata as JSON."""
+        summary = episode.summary
         metadata = _Metadata(
             episode=episode.index,
             seed=episode.seed,
             steps=episode.steps,
-            total_reward=stats.total_reward,
+            total_reward=summary.total_reward,
             seconds=episode.seconds,
-            results=stats.metrics,
+            results=episode.metrics,
             instruction=episode.instruction,
             actions_sha256=episode.actions_sha256,
             recording=self.spec.as_json(),
@@ -94,38 +104,45 @@ class RecordingFolder:
     def remove(self, index: int) -> None:
         self._path(index).unlink(missing_ok=True)
 
-    def load(self, index: int) -> EpisodeArrays:
+    def __iter__(self) -> Iterator[Episode]:
+        """Reads the episodes in the order of their numbers; raises as `load`."""
+        return map(self.load, self.indices)
+
+    def load(self, index: int) -> Episode:
         """Reads an episode; raises an OSError if it cannot be read, or is of another number or recording."""
         arrays, record = files.load_arrays(self._path(index), "an episode")
         about = self._parse(index, record)
         try:
-            episode = EpisodeArrays(
-                index=index, seed=about.seed, arrays=arrays, seconds=about.seconds, instruction=about.instruction
+            episode = Episode(
+                index=index,
+                seed=about.seed,
+                arrays=arrays,
+                seconds=about.seconds,
+                instruction=about.instruction,
+                metrics=about.results,
             )
             episode.check(about.actions_sha256)
         except ValueError as error:
             raise OSError(f"{self._path(index)} does not hold an episode: {error}") from error
         return episode
 
-    def digest(self, indices: Iterable[int]) -> str:
-        """Returns a SHA-256 of the names, types, shapes and contents of the arrays of some episodes, in their order."""
-        digest = hashlib.sha256()
-        for index in indices:
-            for name, array in sorted(self.load(index).arrays.items()):
-                digest.update(f"{index} {name} {array.dtype.str} {array.shape} ".encode())
-                digest.update(array.tobytes())
-        return digest.hexdigest()
-
-    def load_stats(self, index: int) -> EpisodeStats:
-        """Reads the statistics of an episode, and not its arrays; raises as `load`."""
+    def load_summary(self, index: int) -> Summary:
+        """Reads the summary of an episode, and not its arrays; raises as `load`."""
         metadata = self._parse(index, files.load_metadata(self._path(index), "an episode"))
-        return EpisodeStats(
+        return Summary(
             seed=metadata.seed,
             steps=metadata.steps,
             total_reward=metadata.total_reward,
             metrics=metadata.results,
             seconds=metadata.seconds,
         )
+
+    def digest(self, indices: Iterable[int]) -> str:
+        """Returns a SHA-256 of the names, types, shapes and contents of the arrays of some episodes, in their order."""
+        digest = hashlib.sha256()
+        for index in indices:
+            self.load(index).update_digest(digest)
+        return digest.hexdigest()
 
     def _parse(self, index: int, record: Mapping[str, Any]) -> _Metadata:
         """Returns an episode's metadata; raises an OSError if they are of another episode or recording."""
@@ -140,4 +157,4 @@ class RecordingFolder:
         return metadata
 
     def _path(self, index: int) -> Path:
-        return self._folder / _PATTERN.replace("*", f"{index:06d}")
+        return self.folder / _PATTERN.replace("*", f"{index:06d}")

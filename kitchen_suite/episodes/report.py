@@ -8,10 +8,13 @@ from collections.abc import Sequence
 from tabulate import tabulate
 from tqdm import tqdm
 
-from kitchen_suite.episodes.episode import EpisodeStats
-from kitchen_suite.settings import WIDTH
+from kitchen_suite.episodes.episode import Summary
 
-_GAP, _UNBROKEN = "  ", "\N{NO-BREAK SPACE}"
+# Characters in a line that a command prints.
+WIDTH = 100
+
+_GAP = "  "
+_UNBROKEN = "\N{NO-BREAK SPACE}"
 
 # Value of a metric of `tasks.records.Metrics`.
 _Metric = bool | float | dict[str, int]
@@ -23,17 +26,13 @@ class Report:
     def __init__(self, *, last_seed: int) -> None:
         """Starts an empty report; the greatest seed to come decides the width of its column."""
         self._widths = {"seed": len(str(last_seed)), "return": 8}
-        self._episodes: list[EpisodeStats] = []
+        self._episodes: list[Summary] = []
 
     @property
     def count(self) -> int:
         return len(self._episodes)
 
-    @property
-    def successes(self) -> int:
-        return sum(stats.metrics["success"] is True for stats in self._episodes)
-
-    def add(self, stats: EpisodeStats, index: int | None = None) -> str:
+    def add(self, stats: Summary, index: int | None = None) -> str:
         """Returns the row of an episode, by default the next one; the first time with the heading above it."""
         cells = _cells(len(self._episodes) if index is None else index, stats)
         heading = "" if self._episodes else self._row({name: name for name in cells}) + "\n"
@@ -89,8 +88,8 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], style: str = "si
 
 
 def counted(count: int) -> str:
-    """Returns a number of episodes in words."""
-    return f"{count} episode" + ("s" if count > 1 else "")
+    """Returns a number of episodes as a text, such as `5 episodes`."""
+    return f"{count} episode" + ("" if count == 1 else "s")
 
 
 def print_line(text: str) -> None:
@@ -99,7 +98,7 @@ def print_line(text: str) -> None:
     sys.stdout.flush()
 
 
-def _cells(index: int, stats: EpisodeStats) -> dict[str, str]:
+def _cells(index: int, stats: Summary) -> dict[str, str]:
     """Returns the cells of a row by column; the one that takes most room is last."""
     metrics = sorted(stats.metrics.items(), key=lambda item: isinstance(item[1], dict))
     return {

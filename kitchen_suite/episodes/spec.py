@@ -5,10 +5,9 @@ import dataclasses
 import json
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, cast
 
-import dm_env
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -19,7 +18,7 @@ from kitchen_suite.environment.random_states import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import has_pictures
 from kitchen_suite.names import EXACT
-from kitchen_suite.settings import EpisodeSettings
+from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
@@ -52,9 +51,11 @@ class EnvironmentSpec:
     ) -> "EnvironmentSpec":
         """Makes a specification of checked arguments; None stands for the domain's default."""
         task_name = suite.default_task(domain_name) if task_name is None else task_name
+        if max_episode_steps is not None:
+            checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
         suite.check_not_fixed(domain_name, task_name, task_kwargs)
         if reserved := sorted(_RESERVED & task_kwargs.keys()):
-            raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: the command sets it itself")
+            raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: what plays episodes sets it")
         domain = suite.find_domain(domain_name)
         env_class = domain.env_class
         # Before Gymnasium does, which takes some names itself, such as `disable_env_checker`.
@@ -66,19 +67,31 @@ class EnvironmentSpec:
             domain_name=domain_name,
             task_name=task_name,
             task_kwargs={**quality, **task_kwargs},
-            max_episode_steps=max_episode_steps or domain.episode_steps,
+            max_episode_steps=domain.episode_steps if max_episode_steps is None else int(max_episode_steps),
         )
 
-    def episodes(self, *, policy: str, seed: int, seeding: str) -> "EpisodeSpec":
-        """Returns the specification of episodes that a policy plays in such environments, with the versions here."""
-        policies.find(policy)
+    def episodes(self, policy: PolicyRef, *, seed: int, seeding: str = "gymnasium") -> "EpisodeSpec":
+        """Returns the specification of episodes that a policy plays in such environments, with the versions here.
+
+        Args:
+          policy: which policy acts.
+          seed: of the first episode; later episodes have the next ones.
+          seeding: one of `SEEDINGS`.
+
+        Raises:
+          ImportError: the policy needs an extra that is not installed.
+          OSError: the file that names the policy cannot be read.
+          ValueError: the policy cannot be imported.
+        """
+        policy.builder()
         checks.choice(seeding, SEEDINGS, "seeding")
         digest = None
-        if path := policies.policy_file(policy):
+        if path := policy.file():
             with files.reading(path, "a trained policy"):
                 digest = files.file_digest(path)
+        versions = installed_versions()
         return EpisodeSpec(
-            **vars(self), policy=policy, seed=seed, seeding=seeding, versions=installed_versions(), policy_sha256=digest
+            **vars(self), policy=policy.text, seed=seed, seeding=seeding, versions=versions, policy_sha256=digest
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -93,6 +106,11 @@ class EnvironmentSpec:
         default = {name: self.env_class.default_of(suite.find_domain(self.domain_name), name)}
         arguments = {**default, **suite.task_arguments(self.domain_name, self.task_name), **self.task_kwargs}
         return json.loads(json.dumps(arguments[name]))
+
+    @property
+    def observes_images(self) -> bool:
+        """Whether observations hold images, so that playing needs a GL library."""
+        return has_pictures(self.env_class.find_obs_type(self.argument("obs_type")))
 
     @property
     def names(self) -> set[tuple[str, str]]:
@@ -168,12 +186,6 @@ class EpisodeSpec(EnvironmentSpec):
     origin: Mapping[str, Any] | None = None
 
     @classmethod
-    def of(cls, settings: EpisodeSettings, *, seeding: str) -> "EpisodeSpec":
-        kwargs, steps = settings.environment_kwargs, settings.max_episode_steps
-        environments = EnvironmentSpec.make(settings.domain_name, settings.task_name, kwargs, steps)
-        return environments.episodes(policy=settings.policy, seed=settings.seed, seeding=seeding)
-
-    @classmethod
     def from_json(cls, record: Mapping[str, Any]) -> "EpisodeSpec":
         """Returns the specification that `as_json` wrote; raises a ValueError if it is another record."""
         spec = files.parse(record, cls, "not a specification")
@@ -196,27 +208,13 @@ class EpisodeSpec(EnvironmentSpec):
         """Returns the seed of an episode; None where another program recorded it."""
         return self.seed + index if self.origin is None else None
 
-    def find_policy(self) -> policies.PolicyBuilder:
-        """Returns the builder of the policy, which raises a PolicyError if the policy's file is another one."""
-        return policies.find(self.policy, digest=self.policy_sha256)
-
-    def episode_policies(self) -> "EpisodePolicies":
-        player = policies.player_of(self.policy)
-        return player(self) if player else seeded_policies(self.find_policy())
-
-    def num_envs(self, num_episodes: int, most: int) -> int:
-        """Returns `even_count`; one where a person plays: further episodes wait until one has been stored."""
-        return 1 if policies.player_of(self.policy) else even_count(num_episodes, most)
-
-    def check_policy(self, environment: gymnasium.Env) -> None:
+    def check_policy(self, policy: PolicyRef, environment: gymnasium.Env) -> None:
         """Builds the policy once, so that a PolicyError on bad options is raised before the first episode.
 
         Warns of a policy from a file that was trained for a task that does not include this one.
         """
-        if player := policies.player_of(self.policy):
-            player(self)  # Refuses where it cannot let anybody play.
-        self.find_policy()(suite_env(environment).environment, policy_generator(self.seed))
-        if path := policies.policy_file(self.policy):
+        policy.builder(self.policy_sha256)(suite_env(environment).environment, policy_generator(self.seed))
+        if path := policy.file():
             record = policies.load_policy(path).metadata
             its_task = {name: record[name] for name in ("domain_name", "task_name", "task_kwargs")}
             trained = dataclasses.replace(self, **its_task)
@@ -226,35 +224,50 @@ class EpisodeSpec(EnvironmentSpec):
                 found, wanted = (f"{each.domain_name} {each.task_name}" for each in (trained, self))
                 warnings.warn(f"the policy {path} was trained for {found}, not for {wanted}", stacklevel=2)
 
-    def prepared(self) -> "EpisodeSpec":
+    def prepared(self, policy: PolicyRef) -> "EpisodeSpec":
         """Returns the specification with what the policy needs to act, and the digest of the policy's file."""
-        observing = self.observing()
+        observing = self.with_observables(policy)
         with contextlib.closing(observing.make_environment()) as environment:
-            observing.check_policy(environment)
-            file = policies.policy_file(self.policy, suite_env(environment).composer_task)
+            observing.check_policy(policy, environment)
+            file = policy.file(suite_env(environment).composer_task)
         return dataclasses.replace(observing, policy_sha256=files.file_digest(file) if file else None)
 
-    def observing(self) -> "EpisodeSpec":
+    def with_observables(self, policy: PolicyRef) -> "EpisodeSpec":
         """Returns the specification with the extra observables that the policy needs, where layouts vary or always."""
         with contextlib.ExitStack() as stack:
 
             def make_task() -> SuiteTask:
                 return suite_env(stack.enter_context(contextlib.closing(self.make_environment()))).composer_task
 
-            missing = policies.missing_observables(self.policy, make_task)
+            missing = policy.missing_observables(make_task)
         if not missing:
             return self
         extras = [*(self.argument("extra_observables") or []), *missing]
         return dataclasses.replace(self, task_kwargs={**self.task_kwargs, "extra_observables": extras})
 
 
-EpisodePolicies = Callable[[dm_env.Environment, int, Mapping[str, Any] | None], policies.Policy]
-"""Builds the policy for an episode in an environment of the suite, of a seed and the options of its reset."""
+def merged_kwargs(task_kwargs: Mapping[str, Any], named: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns arguments of a task's environments with some that are given by name, without those that are None.
+
+    A text of `variations` names what varies, separated by commas, or is a JSON object of distributions. Raises a
+    ValueError if an argument is given twice, with different values, or the text is not JSON.
+    """
+    chosen = {name: value for name, value in named.items() if value is not None}
+    if isinstance(text := chosen.get("variations"), str):
+        chosen["variations"] = _parsed_variations(text)
+    for name, value in chosen.items():
+        if (other := task_kwargs.get(name, value)) != value:
+            raise ValueError(f"{name} is {checks.shown(value)}, but {checks.shown(other)} in the task_kwargs")
+    return {**task_kwargs, **chosen}
 
 
-def seeded_policies(build: policies.PolicyBuilder) -> EpisodePolicies:
-    """Returns policies whose random numbers depend on the seed of the episode."""
-    return lambda environment, seed, options: build(environment, policy_generator(seed))
+def _parsed_variations(text: str) -> Any:
+    if not text.lstrip().startswith("{"):
+        return text.split(",")
+    try:
+        return files.parse_json(text)
+    except ValueError as error:
+        raise ValueError(f"variations cannot be read as JSON: {error}") from error
 
 
 def even_count(num_episodes: int, num_envs: int) -> int:
@@ -286,7 +299,7 @@ def clipped_action(policy: policies.Policy, given: Any, space: gymnasium.Space) 
 
     Args:
       policy: the policy.
-      given: what it is called with; see `policies.takes`.
+      given: what it is called with; see `policies.takes_of`.
       space: of the actions.
     """
     assert isinstance(space, gymnasium.spaces.Box)

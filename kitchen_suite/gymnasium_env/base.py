@@ -284,6 +284,11 @@ class SuiteEnv(gymnasium.Env):
         """The present observation as the suite's own, which policies expect, whatever the observation type."""
         return self.observations.suite_observation(self._present())
 
+    @property
+    def physics_state(self) -> NDArray[np.float64]:
+        """The present `qpos`, `qvel` and `act` of the physics, one after the other, in a fresh array."""
+        return self.environment.physics.get_state()
+
     def camera_parameters(self, camera: str, width: int, height: int) -> cameras.CameraParameters:
         """Returns intrinsics and extrinsics of a camera, by its name, for images of `width` x `height` pixels."""
         return cameras.camera_parameters(self.environment.physics, camera, width, height)

@@ -253,6 +253,11 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         """The present observations without pictures, which are not rendered; otherwise as `present_observation`."""
         return self._observations.suite_numbers(self._present({}))
 
+    @property
+    def physics_state(self) -> tuple[NDArray[np.float64], ...]:
+        """The present physics state of each environment, as `SuiteEnv.physics_state`; sizes depend on the model."""
+        return self._episodes.physics_state()
+
     def camera_parameters(self, camera: str, width: int, height: int) -> CameraParameters:
         """Returns the parameters of a camera in all environments, those of `SuiteEnv`, with a leading axis."""
         self._check_process()

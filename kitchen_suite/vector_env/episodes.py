@@ -12,8 +12,9 @@ import numpy as np
 import tree
 from numpy.typing import NDArray
 
-from kitchen_suite.environment import PHYSICS_STATE, Environment
+from kitchen_suite.environment import INTEGRATION_STATE, Environment
 from kitchen_suite.environment.edits import ModelSnapshot, read_field, write_field
+from kitchen_suite.environment.states import moving_elements
 from kitchen_suite.gymnasium_env.base import PHYSICS_KEY
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.control_modes.mode import MEDIAN
@@ -90,6 +91,7 @@ class BatchEpisodes:
             stages.append(mujoco.mjtStage.mjSTAGE_VEL)
         self._stage = max(map(int, stages))
         models = [each.physics.model.ptr for each in environments]
+        self._moving = [moving_elements(model) for model in models]
         self.batch, self.simulation = make_simulations([each.physics for each in environments], threads)
         self._stepper = Stepper(
             self._mdp, self.simulation, self._task.pusher, self._observations, self._task.extra_terminations
@@ -176,7 +178,7 @@ class BatchEpisodes:
                 task.follow(self._resets.pop(i))
             environment.start_episode()
             model, data = environment.physics.model.ptr, environment.physics.data.ptr
-            mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
+            mujoco.mj_getState(model, data, self.batch.state[i], INTEGRATION_STATE)
             for name, values in self._model_fields.items():
                 values[i] = read_field(model, name)
             for rows, started in zip(arrays, task.episode.arrays(), strict=True):
@@ -272,6 +274,10 @@ class BatchEpisodes:
             return flat
         return np.concatenate([flat, *extras, *own], axis=-1, dtype=flat.dtype, casting="same_kind")
 
+    def physics_state(self) -> tuple[NDArray[np.float64], ...]:
+        """Returns qpos, qvel and act of each simulation, in fresh arrays."""
+        return tuple(state[moving].copy() for state, moving in zip(self.batch.state, self._moving, strict=True))
+
     def info(self) -> dict[str, Any]:
         """Returns the infos of MDP and terminations, and the number of steps as `episode_step`: fresh `(n, ...)`."""
         return {
@@ -306,7 +312,7 @@ class BatchEpisodes:
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
         for name, values in self._model_fields.items():
             write_field(model, name, values[i])
-        mujoco.mj_setState(model, data, self.batch.state[i], PHYSICS_STATE)
+        mujoco.mj_setState(model, data, self.batch.state[i], INTEGRATION_STATE)
         environment.task.variations.place_fixed()
         mujoco.mj_forward(model, data)
 

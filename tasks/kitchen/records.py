@@ -1,20 +1,17 @@
-"""Metrics, completions and starts of the kitchen's episodes."""
+"""Metrics and completions of the kitchen's episodes."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.kitchen.observation import ROUNDING
 from kitchen_suite.tasks.orders import REQUESTED
 from kitchen_suite.tasks.records import Completions, Metrics, Records
-from kitchen_suite.types import Array
 
 
 class KitchenRecords(Records):
-    """Reads the records of a kitchen task's episodes, which can also be replayed from their observations."""
+    """Reads the records of a kitchen task's episodes."""
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether all requested tasks were completed, and the control step of each completion."""
@@ -45,32 +42,3 @@ class KitchenRecords(Records):
             return None
         requested = arrays.get(f"info/{REQUESTED}_mask", arrays.get(f"observation/{REQUESTED}"))
         return goals.tasks, within if requested is None else within & (requested > 0)
-
-    def is_initial(self, physics: mjcf.Physics, observation: Array) -> bool:
-        task = self._task
-        present = task.mdp.clean_observation(task.simulation, task.state)
-        greatest = task.episode.scaled(task.mdp.noise_scale)
-        return bool((np.abs(observation - present) <= greatest + ROUNDING).all())
-
-    def restore(self, physics: mjcf.Physics, observation: Array) -> None:
-        task, sensors = self._task, self._task.mdp.sensors
-        sensors.indices.write(physics, observation)
-        sensors.refresh(physics)
-        reading = sensors.read(task.simulation)
-        task.set_mdp_state(
-            task.state._replace(
-                positions=reading.positions,
-                target=task.robot.holding_targets(reading.positions),
-                achieved=reading.achieved,
-                distances=task.mdp.goals.distances(reading.achieved),
-                shaping=task.mdp.start_shaping(reading),
-            )
-        )
-        task.start_command(physics)
-
-    def set_observed_positions(self, observation: Array) -> None:
-        state = self._task.state
-        noise = state.noise.copy()
-        robot = self._task.mdp.sensors.slices.robot_positions
-        noise[robot] = observation[robot] - state.positions
-        self._task.set_mdp_state(state._replace(noise=noise))

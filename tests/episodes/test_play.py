@@ -15,9 +15,8 @@ import pytest
 from dm_control.rl import control
 
 from kitchen_suite import checks
-from kitchen_suite.commands.commands import play, rollout
+from kitchen_suite.commands import play, rollout
 from kitchen_suite.environment import Environment
-from kitchen_suite.episodes import rollout_job
 from kitchen_suite.policies import trained as trained_policy
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rendering import gl
@@ -186,7 +185,7 @@ def test_the_list_names_the_physics_of_training_and_of_the_success(run, tmp_path
     write_policy(shipped / "carried_over.npz", metadata={**trained, "training_kwargs": {"physics": "fast"}})
     write_policy(shipped / "exact.npz", metadata={**trained, "training_kwargs": None})
     write_policy(shipped / "fast.npz", metadata=trained, physics="fast")
-    monkeypatch.setattr(rollout_job, "SHIPPED", shipped)
+    monkeypatch.setattr(trained_policy, "SHIPPED", shipped)
     status, out, _ = run("--list", file=None)
     assert status == 0
     rows = [re.split(r"\s{2,}", line.strip()) for line in out.splitlines()]
@@ -200,13 +199,13 @@ def test_the_list_names_the_physics_of_training_and_of_the_success(run, tmp_path
 
 BAD = {
     "--policy_file=nothing.npz": "nothing.npz",
-    "--shipped=top_drawer": "--shipped and --policy_file both name a policy",
+    "--shipped=top_drawer": "shipped and policy_file both name a policy",
     "--policy_file=text.npz": "text.npz does not hold a trained policy",
     "--policy_file=.": "directory",
     "--policy_file=strange.npz": "unexpected keyword argument 'griper' (did you mean 'gripper'?)",
     "--policy_file=limited.npz": "time_limit cannot be among the task_kwargs",
     "--camera=overvew": "did you mean 'overview'?",
-    "--video=film.mp4": "--video and --novideo contradict each other",
+    "--video=film.mp4": "video and novideo contradict each other",
 }
 
 
@@ -216,7 +215,8 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, tmp_path, argument):
     write_policy(tmp_path / "strange.npz", griper="sampled")
     write_policy(tmp_path / "limited.npz", time_limit=0.1)
     status, out, err = run("--novideo", *argument.split())
-    assert (status, out) == (2, "")
+    # A damaged file, or a folder in place of one, is a failure to read.
+    assert (status, out) == (1 if "text.npz" in argument else 2, "")
     assert re.fullmatch(r"kitchen-play: [^\n]+\n", err)
     assert BAD[argument] in err
 
@@ -284,7 +284,7 @@ def test_a_default_video_that_cannot_be_made_is_left_out_with_one_line(run, monk
 def test_a_video_that_is_asked_for_is_an_error_where_nothing_can_be_rendered(run, monkeypatch):
     without_gl(monkeypatch)
     status, out, err = run("--num_episodes=1", "--video=film.mp4")
-    assert (status, out) == (2, "")
+    assert (status, out) == (1, "")
     assert err.startswith("kitchen-play: nothing can be rendered here with MUJOCO_GL=")
 
 
@@ -313,7 +313,7 @@ def test_by_default_the_first_episode_is_filmed(run):
 def test_without_a_video_no_gl_library_is_loaded(run):
     script = """
 import sys
-from kitchen_suite.commands.commands import play
+from kitchen_suite.commands import play
 assert "dm_control" not in sys.modules
 assert play.main(["--policy_file=policy.npz", "--novideo", "--num_episodes=1", "--max_episode_steps=5"]) == 0
 with open("/proc/self/maps", encoding="ascii") as maps:
@@ -348,5 +348,5 @@ def test_a_signal_gets_one_line_and_the_summary(tmp_path, number):
         process.send_signal(number)
         out, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert re.fullmatch(r"kitchen-play: interrupted after \d+ of 100000 episodes\n", err)
+    assert re.fullmatch(r"kitchen-play: interrupted\n", err)
     assert "success rate" in out

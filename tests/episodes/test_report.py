@@ -4,12 +4,12 @@ import dataclasses
 
 import pytest
 
-from kitchen_suite.episodes.episode import EpisodeStats
+from kitchen_suite.episodes.episode import Summary
 from kitchen_suite.episodes.report import Report
 
 
 def stats(seed=0, **metrics):
-    return EpisodeStats(seed=seed, steps=10, total_reward=-1234.5678, metrics=metrics, seconds=0.5)
+    return Summary(seed=seed, steps=10, total_reward=-1234.5678, metrics=metrics, seconds=0.5)
 
 
 def test_any_metrics_are_reported():

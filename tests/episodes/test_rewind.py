@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from helpers.sweeps import brief
 
-from kitchen_suite.commands.commands import replay
+from kitchen_suite.commands import replay
 from kitchen_suite.episodes import play as rollouts
-from kitchen_suite.episodes.episode import EpisodeArrays, EpisodeStats
+from kitchen_suite.episodes.episode import Episode
 from kitchen_suite.episodes.play import RewindableRollout, SingleRollout
-from kitchen_suite.episodes.recording import RecordingFolder
-from kitchen_suite.episodes.spec import EpisodeSpec
+from kitchen_suite.episodes.recording import Recording
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.settings import EpisodeSettings
+from kitchen_suite.policies import PolicyRef
 
 LIMIT = 30
 KINDS = {
@@ -34,8 +34,9 @@ class Scripted:
         return self.rows[self.step - 1]
 
 
-def spec_of(**settings):
-    return EpisodeSpec.of(EpisodeSettings(policy="zero", max_episode_steps=LIMIT, **settings), seeding="gymnasium")
+def spec_of(domain_name="kitchen", task_name=None, task_kwargs=None):
+    environments = EnvironmentSpec.make(domain_name, task_name, task_kwargs or {}, LIMIT)
+    return environments.episodes(PolicyRef.parse("zero"), seed=0)
 
 
 def played(rollout, policy, backs):
@@ -64,17 +65,16 @@ def test_what_is_left_is_as_if_it_had_never_gone_otherwise(kind, tmp_path):
         np.testing.assert_array_equal(arrays[name], array, name)
 
     # It is saved and replayed as any recording.
-    folder = RecordingFolder.claim(tmp_path / "runs", dataclasses.replace(spec, policy="teleop", seed=3))
-    episode = EpisodeArrays(index=0, seed=3, arrays=arrays)
-    folder.save(
-        episode, EpisodeStats.of(episode, suite_env(one.environment).composer_task.records.metrics(episode.last_info))
-    )
+    folder = Recording.claim(tmp_path / "runs", dataclasses.replace(spec, policy="teleop", seed=3))
+    episode = Episode(index=0, seed=3, arrays=arrays)
+    metrics = suite_env(one.environment).composer_task.records.metrics(episode.last_info)
+    folder.append(dataclasses.replace(episode, metrics=metrics))
     assert replay.main([str(tmp_path / "runs")]) == 0
 
 
 def test_it_goes_back_no_further_than_states_are_kept(monkeypatch):
     monkeypatch.setattr(rollouts, "REWIND_STEPS", 5)
-    rollout = RewindableRollout(spec_of(domain_name="open_cabinet"))
+    rollout = RewindableRollout(spec_of(domain_name="open_cabinet"), PolicyRef.parse("zero").builder())
     rollout.start(0)
     assert rollout.rewind(3) == 0
     for _ in range(8):

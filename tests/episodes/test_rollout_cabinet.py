@@ -5,7 +5,7 @@ import pytest
 from helpers.episodes import assert_same_arrays, load_episode
 
 from kitchen_suite import policies, suite
-from kitchen_suite.commands.commands import rollout
+from kitchen_suite.commands import rollout
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 

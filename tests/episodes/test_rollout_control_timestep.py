@@ -9,7 +9,7 @@ from helpers.episodes import load_episode
 from helpers.errors import refused
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import evaluate, record, replay, rollout
+from kitchen_suite.commands import evaluate, record, replay, rollout
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.training.demonstrations import check_same
 

@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import sys
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from helpers import pages
 from helpers.episodes import assert_same_arrays, load_episode
 
 from kitchen_suite import checks
-from kitchen_suite.commands.commands import evaluate, play, record, replay, rollout
+from kitchen_suite.commands import evaluate, play, record, replay, rollout
 
 TIMESTEP = 0.08  # Of the kitchen [s]
 SHORT = ("--max_episode_steps=3",)
@@ -30,6 +31,8 @@ def test_a_page_without_the_extra_names_what_to_install(folder, refusal, monkeyp
     monkeypatch.setattr(
         "importlib.util.find_spec", lambda name, *rest: None if name == "viser" else find_spec(name, *rest)
     )
+    for name in ("episode_page", "scene", "servers"):
+        monkeypatch.delitem(sys.modules, f"kitchen_suite.viewer.{name}", raising=False)
     assert checks.install_command("web") in refusal(rollout, "--web=page.html")
 
 

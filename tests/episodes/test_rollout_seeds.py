@@ -6,7 +6,7 @@ import pytest
 from helpers.episodes import load_episode
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import record, rollout
+from kitchen_suite.commands import record, rollout
 
 STEPS = 3
 FLAGS = ["--policy=zero", f"--max_episode_steps={STEPS}", "--num_episodes=3", "--seed=6", "--variations=start,dynamics"]

@@ -6,9 +6,11 @@ import contextlib
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from helpers.episodes import played_together, rollout_of
 
-from kitchen_suite.episodes.play import SingleRollout, VectorRollout, play_many
+from kitchen_suite.episodes.play import VectorRollout
 from kitchen_suite.episodes.spec import EnvironmentSpec
+from kitchen_suite.policies import PolicyRef
 from kitchen_suite.vector_env import FrankaOpenCabinetVectorEnv
 
 EPISODES, LIMIT = 5, 12
@@ -44,7 +46,7 @@ def play(num_envs, monkeypatch):
     with contextlib.closing(environments):
         waiting = collections.deque(enumerate(range(EPISODES)))
         episodes = VectorRollout(environments, Jerks(num_envs)).play(waiting)
-        arrays = {index: episode.collect().arrays for index, episode in episodes}
+        arrays = {index: episode.collect(environments.composer_task).arrays for index, episode in episodes}
     for index, each in arrays.items():
         np.testing.assert_array_equal(each["label/is_fast"], np.full(len(each["reward"]), index % 2 == 1))
     rewards = {index: each["reward"] for index, each in arrays.items()}
@@ -65,9 +67,9 @@ def test_environments_without_an_episode_are_not_simulated(monkeypatch, num_envs
 
 def test_labels_of_policies_are_those_of_episodes_played_alone():
     spec = EnvironmentSpec.make(domain_name="kitchen", task_name="kettle", task_kwargs={}, max_episode_steps=LIMIT)
-    episodes = spec.episodes(policy="takeover(latest=8)", seed=0, seeding="gymnasium")
-    alone = SingleRollout(episodes)
-    played = dict(play_many(episodes, collections.deque(enumerate(range(EPISODES))), 3, 1))
+    episodes = spec.episodes(PolicyRef.parse("takeover(latest=8)"), seed=0)
+    alone = rollout_of(episodes)
+    played = played_together(episodes, EPISODES, 3)
     for index, episode in played.items():
         expected = alone.play(index, index)
         assert episode.labels.keys() == {"label/is_intervention"}

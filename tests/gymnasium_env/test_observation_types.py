@@ -15,8 +15,6 @@ from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.gymnasium_env.generated_kitchens import GeneratedKitchenEnv
 from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
-from kitchen_suite.gymnasium_env.observations import OBS_TYPES, has_pictures
-from kitchen_suite.settings import PICTURES_PREFIX
 
 pytestmark = pytest.mark.thorough
 
@@ -184,10 +182,6 @@ def test_extra_observables_do_not_vanish_without_a_word(obs_type, lost):
 def test_domains_without_goals_refuse_the_goal_dictionary(domain):
     with refused(ValueError, "obs_type", "'goal'"):
         CLASSES[domain](obs_type="goal")
-
-
-def test_commands_know_by_their_names_which_types_need_a_gl_library():
-    assert all(has_pictures(name) == name.startswith(PICTURES_PREFIX) for name in OBS_TYPES)
 
 
 @pytest.mark.rendering

@@ -1,5 +1,6 @@
 """Episodes: played from one seed, and read from files with numpy alone."""
 
+import collections
 import contextlib
 import json
 import os
@@ -11,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from kitchen_suite import files, policies
+from kitchen_suite.episodes.play import SingleRollout, play_many
+from kitchen_suite.policies import PolicyRef
 
 
 def play(environment, build_policy, seed):
@@ -72,3 +75,14 @@ def limited_files(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def rollout_of(spec, **extra):
+    """Plays the episodes of a specification one by one, by the policy that it names."""
+    return SingleRollout(spec, PolicyRef.parse(spec.policy).builder(spec.policy_sha256), **extra)
+
+
+def played_together(spec, count, num_envs):
+    """The first episodes of a specification by number, of environments that are stepped together."""
+    waiting = collections.deque((index, spec.seed + index) for index in range(count))
+    return {episode.index: episode for episode in play_many(spec, PolicyRef.parse(spec.policy), waiting, num_envs, 1)}

@@ -7,9 +7,10 @@ from unittest import mock
 
 import mujoco
 import numpy as np
+from docs_scripts import load_script
 
-from kitchen_suite.benchmarks.kitchen import original_model as reference_model  # noqa: F401
-from kitchen_suite.benchmarks.kitchen import patched_kitchen_env
+_original = load_script("experiments/original")
+reference_model = _original.original_model
 
 # The reference's names of the moving bodies, by ours.
 BODIES = {
@@ -35,7 +36,7 @@ BODIES = {
 @contextlib.contextmanager
 def original_environment(threshold: float = 0.3, **kwargs: Any) -> Iterator[Any]:
     """Yields FrankaKitchen-v1, in which a task is complete below `threshold` [rad, m]; `kwargs` are its arguments."""
-    with patched_kitchen_env() as kitchen_env, mock.patch.object(kitchen_env, "BONUS_THRESH", threshold):
+    with _original.patched_kitchen_env() as kitchen_env, mock.patch.object(kitchen_env, "BONUS_THRESH", threshold):
         environment = kitchen_env.KitchenEnv(**kwargs)
         yield environment
         environment.close()

@@ -10,7 +10,7 @@ from helpers.sweeps import brief, walk
 from test_vector_autoreset import COUNT, MODES, assert_equal_for_ever, pair
 
 from kitchen_suite import policies, suite
-from kitchen_suite.commands.commands import record, replay, rollout
+from kitchen_suite.commands import convert, record, replay, rollout
 
 IDS = {name: suite.DOMAINS[name].env_id for name in ("kitchen", "microwave_table")}
 LAYOUT = {"variations": ["start", "dynamics", "layout"]}
@@ -148,8 +148,9 @@ def test_rollouts_and_recordings_name_it_and_replay(run, folder):
     arguments = ("--domain_name=kitchen", "--task_name=kettle", "--physics=fast", "--num_episodes=2")
     status, output, _ = run(rollout, *arguments, "--policy=expert")
     assert (status, "fast physics" in output) == (0, True)
-    recorded = ("--output=recorded", "--dataset=kitchen-suite/fast-v0", "--max_episode_steps=12", "--policy=expert")
+    recorded = ("--output=recorded", "--max_episode_steps=12", "--policy=expert")
     assert run(record, *arguments, *recorded)[0] == 0
+    assert run(convert, "recorded", "--dataset=kitchen-suite/fast-v0")[0] == 0
     status, output, _ = run(replay, "recorded")
     assert (status, "2 of 2" in output) == (0, True)
     [metadata] = folder.glob("datasets/**/metadata.json")

@@ -19,7 +19,8 @@ from kitchen_suite.tasks import rotations as poses
 from kitchen_suite.tasks import task as base
 from kitchen_suite.tasks.control_modes import inverse_kinematics
 
-tracking = load_script("scripts/tracking")
+tracking = load_script("experiments/tracking")
+load = tracking.load
 
 DOMAINS = tuple(suite.DOMAINS)
 ROBOTS = {"kitchen": KITCHEN_FRANKA, "open_cabinet": PANDA, "microwave_table": PANDA, "kitchens": KITCHEN_FRANKA}
@@ -37,12 +38,6 @@ def kinds(cases):
 
 def every(modes):
     return [(domain, mode) for domain in DOMAINS for mode in modes]
-
-
-def load(domain, mode, **settings):
-    if domain == "kitchen":
-        settings = {"terminate_on_tasks_completed": False, **settings}
-    return tracking.load(domain, mode, **settings)
 
 
 @pytest.mark.parametrize(("domain", "mode"), kinds(every(tracking.HOLDING_MODES)))

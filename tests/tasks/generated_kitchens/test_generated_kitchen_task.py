@@ -9,7 +9,7 @@ import pytest
 from helpers.errors import refused
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import record, replay, rollout
+from kitchen_suite.commands import record, replay, rollout
 from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS
 from kitchen_suite.names import FAST

@@ -8,7 +8,7 @@ import pytest
 from helpers.sweeps import brief
 
 from kitchen_suite import experts, gymnasium_env, suite
-from kitchen_suite.commands.commands import rollout
+from kitchen_suite.commands import rollout
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask

@@ -109,33 +109,6 @@ def test_the_objects_must_be_in_the_order_of_the_observation():
         KitchenSensors(swapped, environment.task.mdp.goals)
 
 
-def test_robot_and_objects_are_restored_from_an_observation():
-    environment, other = load(), load(robot_noise_ratio=0.0, object_noise_ratio=0.0)
-    environment.reset()
-    first = other.reset().observation
-    start = np.concatenate([first[key] for key in list(first)[:4]])
-    assert environment.task.records.is_initial(environment.physics, start)
-    set_objects(other, "microwave", -0.4)
-    observation = other.step(np.full(9, 0.2)).observation
-    recorded = np.concatenate([observation[key] for key in list(observation)[:4]])
-    assert not environment.task.records.is_initial(environment.physics, recorded)
-    environment.task.records.restore(environment.physics, recorded)
-    assert environment.task.records.is_initial(environment.physics, recorded)
-    np.testing.assert_array_equal(environment.physics.data.qpos, other.physics.data.qpos)
-    np.testing.assert_array_equal(environment.task.task_distances, other.task.task_distances)
-
-
-def test_the_next_action_starts_from_the_recorded_positions():
-    environment = load()
-    environment.reset()
-    recorded = np.linspace(-0.1, 0.02, 59)
-    environment.task.records.set_observed_positions(recorded)
-    environment.task.before_step(environment.physics, np.zeros(9), environment.random_state)
-    np.testing.assert_allclose(
-        environment.physics.data.ctrl, recorded[:9].clip(POSITION_LOW, POSITION_HIGH), atol=1e-15
-    )
-
-
 def test_lists_are_fresh():
     environment = load("complete")
     environment.reset()

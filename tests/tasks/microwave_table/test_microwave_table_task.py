@@ -9,7 +9,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import record, replay, rollout
+from kitchen_suite.commands import record, replay, rollout
 from kitchen_suite.tasks.microwave_table.mdp import SLICES
 
 ENV_ID = "KitchenSuite/FrankaMicrowaveTable-v1"

@@ -219,13 +219,6 @@ def test_a_run_starts_without_the_steps_of_earlier_ones():
     assert env.task.total_steps == 0
 
 
-def test_an_episode_cannot_be_restored_from_an_observation():
-    env = load()
-    env.reset()
-    with pytest.raises(ValueError, match="can be repeated only from its seed"):
-        env.task.records.restore(env.physics, np.zeros(25))
-
-
 def test_noise_is_off_unless_asked_for_and_is_then_clipped_too():
     clean, noisy = load(), load(observation_noise={"handle_offset": 0.02, "drawer_velocity": 10.0})
     assert all(part.corruptor is None for part in clean.task.observables.values() if part.enabled)

@@ -1,0 +1,154 @@
+"""Episodes on the workers of Ray, which needs the extra `ray`: imported only when episodes are played there."""
+
+import contextlib
+import dataclasses
+import importlib.util
+import itertools
+import os
+import platform
+import signal
+import socket
+import threading
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from typing import Any, TypeVar
+
+from kitchen_suite import checks
+from kitchen_suite.versions import installed_versions
+
+T = TypeVar("T")
+
+# Parts into which the episodes are split for each worker: the more, the less is lost with a worker, and the more evenly
+# they end; the fewer, the less often environments are built.
+_PARTS = 4
+
+# Times that Ray plays a part again whose worker has died.
+_MAX_RETRIES = 3
+
+# Ray reads these when it is imported or started: no usage statistics are sent.
+_RAY_VARIABLES = {"RAY_USAGE_STATS_ENABLED": "0"}
+
+
+class ClusterError(OSError):
+    """Ray cannot be reached or used, or its workers fail repeatedly."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Cluster:
+    """Workers on Ray.
+
+    Attributes:
+      workers: number of processes that play episodes.
+      address: `HOST:PORT` of the head of a running cluster, `ray://HOST:PORT` of its client server, or `auto` for the
+        cluster that this machine belongs to; None starts Ray on this machine while episodes are played.
+
+    Raises an ImportError if Ray is not installed, an OSError if nothing answers at the address, a ValueError for a bad
+    one.
+    """
+
+    workers: int
+    address: str | None = None
+
+    def __post_init__(self) -> None:
+        checks.integer(self.workers, "workers", minimum=1)
+        if importlib.util.find_spec("ray") is None:
+            raise ImportError(f"workers need Ray: {checks.install_command('ray')}")
+        if self.address not in (None, "auto"):
+            _check_reachable(self.address)
+
+    def run(
+        self, function: Callable[..., list[T]], arguments: Sequence[Any], items: Sequence[Any], *, num_cpus: int
+    ) -> Generator[T, None, None]:
+        """Calls `function(part, *arguments)` for parts of the items on the workers; yields all results.
+
+        Ray calls it again for a part whose worker dies: the function must return the same for the same part.
+
+        Raises a ClusterError if Ray cannot be used, and any exception that the function raises.
+        """
+        with self._connected(self.workers * num_cpus) as ray:
+            sizes = [node["Resources"].get("CPU", 0) for node in ray.nodes() if node["Alive"]]
+            if num_cpus > max(sizes, default=0):
+                largest = f"{max(sizes, default=0):g}"
+                raise ClusterError(f"a worker needs {num_cpus} processors, and no machine has more than {largest}")
+            remote = ray.remote(num_cpus=num_cpus, max_retries=_MAX_RETRIES)(_checked)
+            size = max(1, -(-len(items) // (self.workers * _PARTS)))
+            parts = [items[first : first + size] for first in range(0, len(items), size)]
+            shared = ray.put((function, tuple(arguments), installed_versions()))
+            waiting = [remote.remote(part, shared) for part in parts[: self.workers]]
+            rest = iter(parts[self.workers :])
+            try:
+                while waiting:
+                    ended, waiting = ray.wait(waiting)
+                    waiting += [remote.remote(part, shared) for part in itertools.islice(rest, len(ended))]
+                    for each in ended:
+                        yield from _result(ray, each)
+            finally:
+                for each in waiting:
+                    ray.cancel(each, force=True)
+
+    @contextlib.contextmanager
+    def _connected(self, num_cpus: int) -> Iterator[Any]:
+        """Connects to Ray, and disconnects or stops it at the end; uses the connection that the program has, if any."""
+        with _environment_defaults():
+            import ray
+
+            if ray.is_initialized():
+                yield ray
+                return
+            own = {"num_cpus": num_cpus, "include_dashboard": False} if self.address is None else {}
+            handler = signal.getsignal(signal.SIGTERM)
+            try:
+                try:
+                    ray.init(self.address or "local", log_to_driver=False, logging_level="ERROR", **own)
+                except (OSError, RuntimeError, ValueError) as error:
+                    raise ClusterError(f"cannot use Ray at {self.address or 'this machine'}: {error}") from error
+                finally:
+                    # Ray replaces it when it is started.
+                    if threading.current_thread() is threading.main_thread():
+                        signal.signal(signal.SIGTERM, handler)
+                yield ray
+            finally:
+                ray.shutdown()
+
+
+def _checked(part: Sequence[Any], shared: tuple[Callable[..., list[T]], tuple[Any, ...], Mapping[str, str]]) -> list[T]:
+    """Calls a function on a worker; raises a ClusterError if its packages are of other versions than the caller's."""
+    function, arguments, versions = shared
+    here = installed_versions()
+    odd = [f"{name} {here[name]} instead of {there}" for name, there in versions.items() if here[name] != there]
+    if odd:
+        raise ClusterError(f"a worker on {platform.node()} has {', '.join(odd)}, so its episodes would differ")
+    return function(part, *arguments)
+
+
+def _result(ray: Any, reference: Any) -> list[Any]:
+    """Returns what a task returned; raises what it raised, and a ClusterError where its workers died."""
+    try:
+        return ray.get(reference)
+    except ray.exceptions.RayError as error:
+        cause = getattr(error, "cause", error)
+        if not isinstance(cause, ray.exceptions.RayError):
+            raise cause from error
+        raise ClusterError(f"a part of the episodes could not be played: {' '.join(str(cause).split())}") from error
+
+
+def _check_reachable(address: str) -> None:
+    """Raises a ValueError for a malformed address, an OSError if nothing answers; Ray itself would try for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 2**16:
+        forms = "HOST:PORT, ray://HOST:PORT or auto"
+        raise ValueError(f"{checks.shown(address)} is not a Ray address: it must be {forms}")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=5.0).close()
+    except OSError as error:
+        raise ClusterError(f"no Ray answers at {address}: {error}") from error
+
+
+@contextlib.contextmanager
+def _environment_defaults() -> Iterator[None]:
+    added = {name: value for name, value in _RAY_VARIABLES.items() if name not in os.environ}
+    os.environ.update(added)
+    try:
+        yield
+    finally:
+        for name in added:
+            os.environ.pop(name, None)

@@ -1,0 +1,106 @@
+"""Errors of what asks for workers, and what a worker does; these tests need no Ray."""
+
+import importlib.util
+import os
+import re
+import socket
+
+import numpy as np
+import pytest
+from helpers.errors import refused
+
+from kitchen_suite import EnvironmentSpec, checks
+from kitchen_suite.commands import evaluate, record, rollout
+from kitchen_suite.episodes.cluster import ClusterError, _checked
+from kitchen_suite.episodes.play import play_part, play_singly
+from kitchen_suite.policies import PolicyRef
+from kitchen_suite.tasks.open_cabinet import reward
+from kitchen_suite.versions import installed_versions
+
+COMMANDS = {"kitchen-record": record.main, "kitchen-rollout": rollout.main, "kitchen-evaluate": evaluate.main}
+BAD = {
+    "--workers=0": "[1, 10000]",
+    "--workers=-2": "[1, 10000]",
+    "--workers=1.5": "1.5",
+    "--workers=many": "many",
+    "--ray_address=auto": "ray_address needs the number of workers",
+}
+BAD_ADDRESSES = ["", "nonsense", "somewhere:", ":6379", "localhost:port", "localhost:0", "localhost:65536", "ray://x"]
+
+
+@pytest.fixture(params=COMMANDS)
+def run(request, capsys, tmp_path, monkeypatch):
+    """Runs a command; returns its status and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        status = COMMANDS[request.param](["--output=runs", *arguments])
+        _, err = capsys.readouterr()
+        assert re.fullmatch(rf"{request.param}: [^\n]+\n", err)
+        assert not os.path.exists("runs")
+        return status, err
+
+    return run
+
+
+@pytest.fixture
+def ray_found(monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: name == "ray" or find(name))
+
+
+@pytest.mark.parametrize("argument", BAD)
+def test_a_bad_argument_gets_one_line_and_status_2(run, argument):
+    status, err = run(argument)
+    assert status == 2
+    assert BAD[argument] in err
+
+
+@pytest.mark.parametrize("address", BAD_ADDRESSES)
+def test_a_malformed_address_is_refused(run, ray_found, address):
+    status, err = run("--workers=2", f"--ray_address={address}")
+    assert status == 2
+    assert f"{address!r} is not a Ray address: it must be HOST:PORT, ray://HOST:PORT or auto" in err
+
+
+@pytest.mark.parametrize("scheme", ["", "ray://"])
+def test_an_address_where_nothing_answers_is_a_failure(run, ray_found, scheme):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    status, err = run("--workers=2", f"--ray_address={scheme}127.0.0.1:{port}")
+    assert status == 1
+    assert f"no Ray answers at {scheme}127.0.0.1:{port}: " in err
+
+
+def test_the_error_without_ray_says_what_to_install(run, monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "ray" else find(name))
+    status, err = run("--workers=2")
+    assert status == 2
+    assert f"workers need Ray: {checks.install_command('ray')}" in err
+
+
+def test_workers_make_no_video(capsys, ray_found):
+    assert rollout.main(["--workers=2", "--video=film.mp4"]) == 2
+    assert "workers make no video" in capsys.readouterr().err
+
+
+def spec_of(task, seeding="gymnasium", steps=12):
+    domain = "kitchen" if task == "kettle" else "open_cabinet"
+    return EnvironmentSpec.make(domain, task, {}, steps).episodes(PolicyRef.parse("random"), seed=3, seeding=seeding)
+
+
+def test_rewards_of_a_rollout_do_not_depend_on_what_the_worker_played_before(monkeypatch):
+    # The second episode of an environment would begin with the greater penalties.
+    monkeypatch.setattr(reward, "LATE_STAGE", 2)
+    spec = spec_of("top_drawer", "dm_control", steps=50)
+    first, again = play_singly([(0, 7), (1, 7)], spec, PolicyRef.parse("random"))
+    np.testing.assert_array_equal(first.arrays["reward"], again.arrays["reward"])
+
+
+def test_a_worker_with_other_versions_is_refused():
+    versions = installed_versions()
+    arguments = (spec_of("kettle"), PolicyRef.parse("random"), 1, 1)
+    assert [episode.seed for episode in _checked([(0, 3)], (play_part, arguments, versions))] == [3]
+    with refused(ClusterError, f"mujoco {versions['mujoco']} instead of 3.0.0, so its episodes would differ"):
+        _checked([(0, 3)], (play_part, arguments, versions | {"mujoco": "3.0.0"}))
