@@ -1,4 +1,4 @@
-"""The work of `kitchen-doctor`: what is installed, what works, and whether episodes are those of other machines."""
+"""Examines what is installed, what works, and whether episodes are those of other machines."""
 
 import collections
 import contextlib
@@ -10,18 +10,17 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import ClassVar
 
 import kitchen_suite
 from kitchen_suite import checks, files, suite
-from kitchen_suite.episodes.play import PolicyController, VectorRollout
+from kitchen_suite.episodes.play import VectorRollout, make_controller
 from kitchen_suite.episodes.report import print_line
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.receipts import TraceRecorder
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.names import EXACT, FAST
+from kitchen_suite.policies import PolicyRef
 from kitchen_suite.rendering import gl
-from kitchen_suite.settings import FAILURE, DoctorSettings
 from kitchen_suite.vector_env.base import processors
 from kitchen_suite.versions import PACKAGES, processor
 
@@ -57,10 +56,11 @@ def _environments(domain: str, physics: str) -> EnvironmentSpec:
 
 
 def _digest(domain: str, physics: str) -> str:
-    spec = _environments(domain, physics).episodes(policy="random", seed=0, seeding="gymnasium")
+    policy = PolicyRef.parse("random")
+    spec = _environments(domain, physics).episodes(policy, seed=0)
     contents = {}
     with contextlib.closing(spec.make_vector_env(_EPISODES, 1)) as vector:
-        recorder = TraceRecorder(vector, PolicyController(vector, spec.episode_policies()))
+        recorder = TraceRecorder(vector, make_controller(spec, policy, vector))
         waiting = collections.deque((index, index) for index in range(_EPISODES))
         for index, episode in VectorRollout(vector, recorder).play(waiting):
             contents[index] = recorder.trace(episode).digest.tobytes()
@@ -76,30 +76,20 @@ def expected(here: Mapping[str, str]) -> dict[str, str]:
         return {}
 
 
-class DoctorJob:
-    """Prints a fact a line."""
-
-    errors: ClassVar = {OSError: FAILURE}
-
-    def __init__(self, settings: DoctorSettings) -> None:
-        """Needs nothing."""
-
-    def progress(self) -> str:
-        return "before the end"
-
-    def run(self) -> bool:
-        """Prints the facts; returns whether no digest differs from the one known for this kind of processor."""
-        for name, fact in _facts().items():
-            _print_fact(name, fact)
-        known, agrees = expected(circumstances()), True
-        try:
-            for name, digest in digests():
-                verdict = _verdict(digest, known.get(name))
-                agrees &= verdict != _DIFFERS
-                _print_fact(f"digest {name}", f"{digest[:12]}, {verdict}")
-        except Exception as error:  # Whatever fails here is a fact to be told.
-            _print_fact("digests", f"no episode can be played: {_in_one_line(error)}")
-        return agrees
+def examine() -> bool:
+    """Prints a fact a line; returns whether no digest differs from the one known for this kind of processor."""
+    for name, fact in _facts().items():
+        _print_fact(name, fact)
+    known = expected(circumstances())
+    agrees = True
+    try:
+        for name, digest in digests():
+            verdict = _verdict(digest, known.get(name))
+            agrees &= verdict != _DIFFERS
+            _print_fact(f"digest {name}", f"{digest[:12]}, {verdict}")
+    except Exception as error:  # Whatever fails here is a fact to be told.
+        _print_fact("digests", f"no episode can be played: {_in_one_line(error)}")
+    return agrees
 
 
 def _verdict(digest: str, known: str | None) -> str:

@@ -3,7 +3,7 @@
 import pytest
 
 from kitchen_suite import doctor, suite
-from kitchen_suite.commands import commands
+from kitchen_suite.commands import find
 from kitchen_suite.rendering import gl
 
 
@@ -24,7 +24,7 @@ def run(run):
     """Runs the command; returns status and stdout."""
 
     def run_doctor():
-        status, out, err = run(commands.doctor)
+        status, out, err = run(find("doctor"))
         assert err == ""
         return status, out
 

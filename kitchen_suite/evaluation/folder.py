@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from kitchen_suite import files
-from kitchen_suite.evaluation.results import EpisodeResult
+from kitchen_suite.evaluation.scores import EpisodeResult
 
 DESCRIPTION_FILE, EPISODES_FILE = "evaluation.json", "episodes.jsonl"
 _EVALUATION = files.DescribedFolder(
-    DESCRIPTION_FILE, "an evaluation", EPISODES_FILE, "continue it with --resume, or name another folder"
+    DESCRIPTION_FILE, "an evaluation", EPISODES_FILE, "resume it, or name another folder"
 )
 
 # Name of the condition, and number of the episode in it.

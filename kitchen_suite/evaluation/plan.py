@@ -12,15 +12,37 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from kitchen_suite import checks, files, policies, suite
+from kitchen_suite import checks, files, suite
 from kitchen_suite.entities.arms import FRANKA, ROBOTS
 from kitchen_suite.episodes.episode import unflatten
-from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.evaluation import criteria
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Measure, Protocol, Score, domain_protocols
+from kitchen_suite.evaluation.scores import MAX_SEED
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.settings import MAX_COUNT, MAX_EPISODE_STEPS, EvaluateSettings
+from kitchen_suite.policies import PolicyRef
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Replaced:
+    """Values that replace a protocol's; those that are None are the protocol's.
+
+    Attributes:
+      domain_name: of the environments.
+      task_name: of all conditions.
+      task_kwargs: arguments of the environments of all conditions, beside those of the protocol.
+      seed: of the first episode of each condition.
+      num_episodes: of each condition.
+      max_episode_steps: control steps after which an episode ends.
+    """
+
+    domain_name: str = "kitchen"
+    task_name: str | None = None
+    task_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    seed: int | None = None
+    num_episodes: int | None = None
+    max_episode_steps: int | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -82,7 +104,7 @@ class EvaluationPlan:
         return {
             "protocol": self.protocol,
             "domain_name": first.domain_name,
-            "policy": policies.without_file(first.policy),
+            "policy": PolicyRef.parse(first.policy).without_file,
             "seed": first.seed,
             "num_episodes": self.num_episodes,
             "max_episode_steps": first.max_episode_steps,
@@ -94,8 +116,9 @@ class EvaluationPlan:
     @property
     def replaced(self) -> list[str]:
         """Names of the values that are not the protocol's; what a policy has to observe is not among them."""
-        own = _unprepared(EvaluateSettings(protocol=self.protocol, domain_name=self.first.domain_name))
-        mine, its = _values(self), _values(own)
+        own = _unprepared(PolicyRef.parse("zero"), self.protocol, Replaced(domain_name=self.first.domain_name))
+        mine = _values(self)
+        its = _values(own)
         return [name for name in mine if mine[name] != its[name]]
 
     @classmethod
@@ -109,7 +132,7 @@ class EvaluationPlan:
             task_name, kwargs = condition.task_name, condition.task_kwargs
             check_robot(kwargs)
             environments = EnvironmentSpec.make(domain.name, task_name, kwargs, record.max_episode_steps)
-            played = environments.episodes(policy="zero", seed=record.seed, seeding="gymnasium")
+            played = environments.episodes(PolicyRef.parse("zero"), seed=record.seed)
             specs[name] = dataclasses.replace(
                 played, policy=record.policy, policy_sha256=condition.policy_sha256, versions=record.versions
             )
@@ -148,25 +171,30 @@ class _Description:
     domain_name: str
     policy: str
     seed: Annotated[int, Meta(ge=0)]
-    num_episodes: Annotated[int, Meta(ge=1, le=MAX_COUNT)]
-    max_episode_steps: Annotated[int, Meta(ge=1, le=MAX_EPISODE_STEPS)]
+    num_episodes: Annotated[int, Meta(ge=1, le=checks.MAX_COUNT)]
+    max_episode_steps: Annotated[int, Meta(ge=1, le=checks.MAX_EPISODE_STEPS)]
     versions: dict[str, str]
     goals_sha256: str | None = None
     conditions: Annotated[dict[str, _Condition], Meta(min_length=1)]
 
 
-def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
-    """Plans the evaluation that a command asks for, and builds the policy once in each condition."""
-    plan = _unprepared(settings)
-    prepared = {name: spec.prepared() for name, spec in plan.specs.items()}
+def make_plan(
+    policy: PolicyRef, protocol: str = "default", replaced: Replaced = Replaced(), dataset: Path | None = None
+) -> EvaluationPlan:
+    """Plans the evaluation of a policy under a protocol, and builds the policy once in each condition.
+
+    `dataset` is the folder of a recording, from whose episodes some protocols take their goals.
+    """
+    plan = _unprepared(policy, protocol, replaced)
+    prepared = {name: spec.prepared(policy) for name, spec in plan.specs.items()}
     taken = {name: condition.goals for name, condition in plan.conditions.items() if condition.goals}
-    if settings.dataset is None:
+    if dataset is None:
         if taken:
-            raise ValueError(f"protocol {plan.protocol!r} needs --dataset, a folder of a recording to take goals from")
+            raise ValueError(f"protocol {plan.protocol!r} needs a dataset: the folder of a recording, for its goals")
         return dataclasses.replace(plan, specs=prepared)
     if not taken:
-        raise ValueError(f"protocol {plan.protocol!r} takes no goals from a --dataset")
-    recorded = _Recorded(settings.dataset, plan.first.domain_name)
+        raise ValueError(f"protocol {plan.protocol!r} takes no goals from a dataset")
+    recorded = _Recorded(dataset, plan.first.domain_name)
     seeds = range(plan.first.seed, plan.first.seed + plan.num_episodes)
     resets = {name: [recorded.options(take, seed) for seed in seeds] for name, take in taken.items()}
     return dataclasses.replace(plan.with_resets(resets), specs=prepared)
@@ -177,7 +205,7 @@ class _Recorded:
 
     def __init__(self, folder: Path, domain_name: str) -> None:
         """Opens the recording; raises an OSError if there is none, a ValueError if it is of another domain."""
-        self._path, self._folder = folder, RecordingFolder.open(folder)
+        self._path, self._folder = folder, Recording.open(folder)
         spec = self._folder.spec
         if spec.domain_name != domain_name:
             raise ValueError(f"{folder} holds episodes of {spec.domain_name}, not of {domain_name}")
@@ -204,16 +232,17 @@ class _Recorded:
             states = self._observations.recover_flat(observation)
         except (IndexError, KeyError, TypeError):
             states = None
-        completed = self._folder.load_stats(index).metrics.get("tasks_completed")
+        completed = self._folder.load_summary(index).metrics.get("tasks_completed")
         if states is None or not isinstance(completed, dict):
             raise ValueError(f"{self._path} holds no observations of the state, or no completed tasks")
         return states[:, criteria.STATE], sorted(completed, key=completed.__getitem__)
 
 
-def _unprepared(settings: EvaluateSettings) -> EvaluationPlan:
-    protocol = find_protocol(settings.protocol, settings.domain_name)
-    count = protocol.num_episodes if settings.num_episodes is None else settings.num_episodes
-    return EvaluationPlan(protocol=protocol.name, specs=_specs(protocol, settings), num_episodes=count)
+def _unprepared(policy: PolicyRef, protocol: str, replaced: Replaced) -> EvaluationPlan:
+    found = find_protocol(protocol, replaced.domain_name)
+    count = found.num_episodes if replaced.num_episodes is None else replaced.num_episodes
+    checks.integer(count, "num_episodes", minimum=1, maximum=checks.MAX_COUNT)
+    return EvaluationPlan(protocol=found.name, specs=_specs(policy, found, replaced), num_episodes=count)
 
 
 def _values(plan: EvaluationPlan) -> dict[str, Any]:
@@ -235,25 +264,30 @@ def find_protocol(name: str, domain_name: str) -> Protocol:
     return protocol
 
 
-def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, EpisodeSpec]:
-    """Returns the specifications by condition, with the values that settings replace; equal ones only once."""
-    given = settings.environment_kwargs
+def _specs(policy: PolicyRef, protocol: Protocol, replaced: Replaced) -> dict[str, EpisodeSpec]:
+    """Returns the specifications by condition, with the values that are replaced; equal ones only once."""
     first, *others = (condition.task_kwargs for condition in protocol.conditions)
     differing = {name for each in others for name in first.keys() | each.keys() if first.get(name) != each.get(name)}
-    if clash := sorted(differing & given.keys()):
+    if clash := sorted(differing & replaced.task_kwargs.keys()):
         raise ValueError(f"the conditions of protocol {protocol.name!r} differ in {clash}, which cannot be replaced")
-    seed = protocol.seed if settings.seed is None else settings.seed
-    max_episode_steps = settings.max_episode_steps or protocol.max_episode_steps
-    default_task = domain_protocols(settings.domain_name).task_name
+    seed = protocol.seed if replaced.seed is None else replaced.seed
+    checks.integer(seed, "seed", minimum=0, maximum=MAX_SEED - checks.MAX_COUNT)
+    given_steps = replaced.max_episode_steps
+    max_episode_steps = protocol.max_episode_steps if given_steps is None else given_steps
+    default_task = domain_protocols(replaced.domain_name).task_name
     specs: dict[str, EpisodeSpec] = {}
     for condition in protocol.conditions:
-        task_name = settings.task_name or condition.task_name or default_task
-        kwargs = {**condition.task_kwargs, **given}
-        environments = EnvironmentSpec.make(settings.domain_name, task_name, kwargs, max_episode_steps)
-        spec = environments.episodes(policy=settings.policy, seed=seed, seeding="gymnasium")
-        if spec not in specs.values():
-            replaced = condition.task_name not in (None, spec.task_name)
-            specs[spec.task_name if replaced else condition.name or spec.task_name] = spec
+        task_name = replaced.task_name or condition.task_name or default_task
+        kwargs = {**condition.task_kwargs, **replaced.task_kwargs}
+        environments = EnvironmentSpec.make(replaced.domain_name, task_name, kwargs, max_episode_steps)
+        spec = environments.episodes(policy, seed=seed)
+        if spec in specs.values():
+            continue
+        is_replaced = condition.task_name not in (None, spec.task_name)
+        name = spec.task_name if is_replaced else condition.name or spec.task_name
+        if name in specs:
+            raise ValueError(f"the conditions of protocol {protocol.name!r} are of tasks that {name!r} cannot replace")
+        specs[name] = spec
     return specs
 
 

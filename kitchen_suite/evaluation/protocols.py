@@ -66,7 +66,7 @@ class Score:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Protocol:
-    """A way to evaluate a policy, by the value of the flag `--protocol`.
+    """A way to evaluate a policy, by its name.
 
     Attributes:
       follows: its source, and the values that it fixes, in a few words.
@@ -343,7 +343,7 @@ _PROTOCOLS = (
     ),
     Protocol(
         name="beso",
-        follows="Reuss et al. 2023: the last two states of a demonstration are the goal, its tasks count; --dataset",
+        follows="Reuss et al. 2023: the last two states of a demonstration are the goal, its tasks count; from data",
         conditions=(
             Condition(
                 name="goals",
@@ -365,7 +365,7 @@ _PROTOCOLS = (
     ),
     Protocol(
         name="goal-reaching",
-        follows="as stable-worldmodel: from a recorded state to the one 30 control steps later, within 50; --dataset",
+        follows="as stable-worldmodel: from a recorded state to the one 30 control steps later, within 50; from data",
         conditions=(
             Condition(
                 name="goals",

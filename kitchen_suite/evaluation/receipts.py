@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
 from kitchen_suite.episodes.play import BatchStep, Controller, VectorEpisode
-from kitchen_suite.evaluation.results import EpisodeResult
+from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import machine
 
@@ -135,7 +135,7 @@ class TraceRecorder:
         return np.concatenate([part.reshape(len(rewards), -1) for part in parts], axis=1, dtype=np.float64)
 
 
-class Replay:
+class ActionReplay:
     """Acts by recorded actions; where an episode goes on after its last one, by zeros."""
 
     def __init__(self, actions: Mapping[int, NDArray]) -> None:
@@ -157,7 +157,7 @@ class Replay:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Receipt:
-    """An evaluation, as `--json` writes it, with results and traces of all its episodes in order, by condition.
+    """An evaluation, as `Evaluation.as_json` returns it, with results and traces of all its episodes, by condition.
 
     `replaced` is `EvaluationPlan.replaced`, `machine` the kind of processor, see `versions.machine`.
     """
@@ -192,7 +192,7 @@ class Receipt:
             metadata = files.as_metadata(arrays.pop("metadata"), MAX_METADATA)
             if metadata.get("format") != FORMAT:
                 raise ValueError(f"format {metadata.get('format')!r} is unknown: this version reads {FORMAT}")
-            _check_texts(metadata)
+            check_texts(metadata)
             parts = {"machine": metadata["machine"], "results": metadata["episodes"], "traces": {}}
             receipt = files.parse({**metadata, **parts}, cls, "not its metadata")
             traces = {name: _unstacked(arrays, name, len(results)) for name, results in receipt.results.items()}
@@ -202,13 +202,13 @@ class Receipt:
             return dataclasses.replace(receipt, traces=traces)
 
 
-def _check_texts(value: Any) -> None:
+def check_texts(value: Any) -> None:
     """Raises a ValueError unless all texts in decoded JSON can be printed, in a line of bounded length."""
     if isinstance(value, Mapping):
         value = [*value, *value.values()]
     if isinstance(value, list):
         for part in value:
-            _check_texts(part)
+            check_texts(part)
     elif isinstance(value, str) and not (value.isprintable() and len(value) <= _MAX_TEXT):
         raise ValueError(f"it has a text that cannot be shown: {checks.shown(value)}")
 

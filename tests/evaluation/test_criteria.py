@@ -10,7 +10,7 @@ from kitchen_suite.evaluation.plan import make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
-from kitchen_suite.settings import EvaluateSettings
+from kitchen_suite.policies import PolicyRef
 
 COUNT = 100_000
 
@@ -136,7 +136,7 @@ def test_states_are_d4rls_positions():
 @pytest.mark.parametrize("name", ["lexa", "earl"])
 def test_goals_of_conditions_are_those_that_are_measured(name):
     """The objects of a condition, put at its goals, are a success by the publication's measure."""
-    plan = make_plan(EvaluateSettings(protocol=name, policy="zero"))
+    plan = make_plan(PolicyRef.parse("zero"), name)
     for condition, spec in plan.specs.items():
         environment = suite_env(spec.make_environment())
         environment.reset(seed=0)
@@ -171,7 +171,7 @@ def test_scores_over_all_conditions():
 
 @pytest.mark.thorough
 def test_the_goal_state_of_a_condition_of_lexa_is_lexas():
-    plan = make_plan(EvaluateSettings(protocol="lexa", policy="zero"))
+    plan = make_plan(PolicyRef.parse("zero"), "lexa")
     for objects, spec in zip(criteria.LEXA_GOALS, plan.specs.values(), strict=True):
         environment = suite_env(spec.make_environment())
         environment.reset(seed=0)

@@ -12,10 +12,10 @@ from helpers.errors import refused
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.commands.commands import record
-from kitchen_suite.episodes.recording import RecordingFolder
+from kitchen_suite.commands import evaluate, record
+from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.evaluation import criteria
-from kitchen_suite.evaluation.plan import find_protocol, make_plan
+from kitchen_suite.evaluation.plan import Replaced, find_protocol, make_plan
 from kitchen_suite.evaluation.protocols import (
     KITCHEN,
     PROTOCOLS,
@@ -27,8 +27,8 @@ from kitchen_suite.evaluation.protocols import (
     domain_protocols,
 )
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.policies import PolicyRef
 from kitchen_suite.policies.trained import shipped_as
-from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
@@ -214,8 +214,9 @@ def dataset(tmp_path_factory):
     return folder
 
 
-def plan(**settings):
-    return make_plan(EvaluateSettings(**settings))
+def plan(protocol="default", policy="random", dataset=None, **replaced):
+    """Plans an evaluation, as `evaluate` does."""
+    return make_plan(PolicyRef.parse(policy), protocol, Replaced(**replaced), dataset)
 
 
 def takes_goals(protocol):
@@ -294,7 +295,7 @@ def test_the_conditions_of_shift_have_names():
 
 @pytest.mark.clients
 def test_training_never_uses_the_seeds():
-    from kitchen_suite.training.seed_run import EVALUATION_SEEDS
+    from kitchen_suite.training.run import EVALUATION_SEEDS
 
     assert max(UNSEEN_SEED + protocol.num_episodes for protocol in PROTOCOLS.values()) <= EVALUATION_SEEDS
 
@@ -334,17 +335,19 @@ def test_default_is_the_default_task_of_another_domain():
     assert (made.first.max_episode_steps, made.score) == (700, None)
 
 
-def test_flags_replace_the_protocols_values():
+def test_what_is_given_replaces_the_protocols_values():
     made = plan(
         protocol="strict",
         task_name="kettle",
         seed=7,
         num_episodes=3,
         max_episode_steps=40,
-        control_mode="joint_position",
-        variations="start,dynamics",
-        variation_split="held_out",
-        task_kwargs={"success": "original"},
+        task_kwargs={
+            "success": "original",
+            "control_mode": "joint_position",
+            "variations": ["start", "dynamics"],
+            "variation_split": "held_out",
+        },
     )
     assert list(made.specs) == ["kettle"]
     assert dict(made.first.task_kwargs) == {
@@ -365,17 +368,16 @@ def test_one_task_replaces_all_conditions_and_keeps_the_score_of_its_own_sets(ta
 
 def test_arguments_in_which_conditions_differ_are_not_replaced():
     with refused(ValueError, "'shift'", "['variations']"):
-        plan(protocol="shift", variations="start")
+        plan(protocol="shift", task_kwargs={"variations": ["start"]})
 
 
 def test_the_expert_gets_the_poses_that_it_needs_where_layouts_vary():
-    made = plan(policy="expert", task_name="kettle", variations="layout")
+    made = plan(policy="expert", task_name="kettle", task_kwargs={"variations": ["layout"]})
     assert made.first.task_kwargs["extra_observables"] == ["franka/base_pose"]
     given = plan(
         policy="expert",
         task_name="microwave",
-        variations="layout",
-        task_kwargs={"extra_observables": ["microwave/pose"]},
+        task_kwargs={"variations": ["layout"], "extra_observables": ["microwave/pose"]},
     )
     assert given.first.task_kwargs["extra_observables"] == ["microwave/pose", "franka/base_pose"]
 
@@ -393,29 +395,20 @@ def test_a_description_has_no_path(tmp_path):
     assert len(described["conditions"]["kettle"]["policy_sha256"]) == 64
 
 
-def test_settings_are_the_protocols_by_default():
-    fields = {field.name: field.metadata["flag"] for field in dataclasses.fields(EvaluateSettings)}
-    replaced = {name for name, flag in fields.items() if flag.unset == "the protocol's"}
-    assert replaced == {
-        "task_name",
-        "control_mode",
-        "control_timestep",
-        "variations",
-        "variation_split",
-        "seed",
-        "num_episodes",
-        "max_episode_steps",
-    }
-    assert all(getattr(EvaluateSettings(), name) is None for name in replaced)
+def test_values_are_the_protocols_by_default():
+    values = evaluate.COMMAND.flags()
+    replaced = {name for name in values if "the protocol's" in values[name].help}
+    assert replaced >= {"task_name", "control_mode", "variation_split", "seed", "num_episodes", "max_episode_steps"}
+    assert all(values[name].value is None for name in replaced)
 
 
 def test_goals_are_those_of_the_dataset(dataset):
-    folder = RecordingFolder.open(dataset)
+    folder = Recording.open(dataset)
     episodes = [folder.load(index).arrays["observation/observation"][:, criteria.STATE] for index in folder.indices]
     demonstrated = plan(protocol="beso", dataset=dataset, num_episodes=8)
     for options in demonstrated.resets["goals"]:
         (index,) = (i for i, states in enumerate(episodes) if np.array_equal(states[-2:], options["goal_states"]))
-        assert set(options["requested_tasks"]) == folder.load_stats(index).metrics["tasks_completed"].keys()
+        assert set(options["requested_tasks"]) == folder.load_summary(index).metrics["tasks_completed"].keys()
     reached = plan(protocol="goal-reaching", dataset=dataset, num_episodes=8)
     for options in reached.resets["goals"]:
         places = [np.flatnonzero((states == options["start_state"]).all(axis=1)) for states in episodes]
@@ -429,7 +422,7 @@ def test_goals_are_those_of_the_dataset(dataset):
 
 def test_recorded_actions_lead_to_the_goal(dataset):
     """From the start of a goal, which is at rest, some of the recorded actions lead to the goal."""
-    folder, made = RecordingFolder.open(dataset), plan(protocol="goal-reaching", dataset=dataset, num_episodes=6)
+    folder, made = Recording.open(dataset), plan(protocol="goal-reaching", dataset=dataset, num_episodes=6)
     episodes = [folder.load(index).arrays for index in folder.indices]
     envs, reached = made.first.make_environment(), []
     for index, options in enumerate(made.resets["goals"]):
@@ -451,7 +444,7 @@ def test_recorded_actions_lead_to_the_goal(dataset):
 @pytest.mark.parametrize(
     ("settings", "shown"),
     [
-        ({"protocol": "beso"}, ("'beso'", "needs --dataset")),
+        ({"protocol": "beso"}, ("'beso'", "needs a dataset")),
         ({"protocol": "default", "dataset": Path("runs")}, ("'default'", "takes no goals")),
         ({"protocol": "beso", "dataset": Path("none")}, ("none",)),
     ],
@@ -479,3 +472,9 @@ def test_a_dataset_without_goals_is_named(tmp_path):
     for protocol in ("beso", "goal-reaching"):
         with refused(ValueError, "runs", "no episode with a goal"):
             plan(protocol=protocol, dataset=folder)
+
+
+@pytest.mark.parametrize("protocol", ["lexa", "calvin"])
+def test_a_task_does_not_take_the_place_of_conditions_that_differ_otherwise(protocol):
+    with refused(ValueError, repr(protocol), "'kettle' cannot replace"):
+        plan(protocol=protocol, task_name="kettle")

@@ -1,4 +1,4 @@
-"""Receipts: what `kitchen-evaluate` writes, `kitchen-verify` confirms, and every alteration is found."""
+"""Receipts: what `kitchen-evaluate` writes, `kitchen-replay` confirms, and every alteration is found."""
 
 import copy
 import dataclasses
@@ -13,14 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import kitchen_suite
 from kitchen_suite import files
-from kitchen_suite.commands.commands import evaluate, record, verify
-from kitchen_suite.evaluation import evaluate_job
-from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
+from kitchen_suite.commands import evaluate, record, replay
+from kitchen_suite.episodes.replay import Verdict
+from kitchen_suite.evaluation.evaluate import as_json, check_receipt, play_again
+from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan
 from kitchen_suite.evaluation.receipts import FORMAT, Receipt, sealed
-from kitchen_suite.evaluation.results import score_episodes
-from kitchen_suite.evaluation.verify_job import DIGITS_DIFFER, checked_plan
-from kitchen_suite.settings import EvaluateSettings
+from kitchen_suite.evaluation.scores import score_episodes
+from kitchen_suite.evaluation.verify import checked_plan
+from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.vector_env import base as vector_base
 from kitchen_suite.versions import installed_versions, machine
@@ -62,7 +64,7 @@ def test_a_receipt_is_confirmed_without_the_policy(run, flags):
     receipt = Receipt.read(files.Path("a.npz"))
     assert receipt.evaluation == json.loads(files.Path("a.json").read_text("utf-8"))
     for numbers in (["--num_envs=1"], ["--num_envs=2", "--num_threads=2"]):
-        status, out, err = run(verify, "a.npz", *numbers)
+        status, out, err = run(replay, "a.npz", *numbers)
         assert (status, err) == (0, "")
         assert out.endswith("the receipt holds: all numbers are equal to the bit, and all scores follow from them\n")
     assert "values replaced: num_episodes, max_episode_steps" in out
@@ -76,7 +78,7 @@ def test_the_policy_may_be_gone(run, tmp_path):
     flags = ["--policy=trained(file='gone.npz')", "--task_name=kettle", "--receipt=a.npz"]
     assert run(evaluate, *SMALL, *flags)[0] == 0
     source.unlink()
-    assert run(verify, "a.npz")[0] == 0
+    assert run(replay, "a.npz")[0] == 0
 
 
 @pytest.mark.thorough
@@ -85,7 +87,7 @@ def test_a_replay_needs_no_pictures(run):
     kwargs = {"obs_type": "pixels_agent_pos", "image_size": [8, 8], "cameras": ["workspace"]}
     flags = ["--policy=random", f"--task_kwargs={json.dumps(kwargs)}", "--receipt=a.npz"]
     assert run(evaluate, *SMALL, *flags)[0] == 0
-    script = "import sys; from kitchen_suite.commands.commands import verify; sys.exit(verify.main(['a.npz']))"
+    script = "import sys; from kitchen_suite.commands import replay; sys.exit(replay.main(['a.npz']))"
     without = {**os.environ, "MUJOCO_GL": "disable"}
     assert subprocess.run([sys.executable, "-c", script], env=without, check=False).returncode == 0
 
@@ -102,7 +104,7 @@ def test_a_receipt_holds_the_goals_that_were_taken_from_a_recording(run, tmp_pat
     assert status == 2
     assert "goals_sha256" in err
     shutil.rmtree("runs0")
-    status, out, _ = run(verify, "a.npz")
+    status, out, _ = run(replay, "a.npz")
     assert status == 0
     assert "not verified, since their recording is not here: where the goals were taken from" in out
 
@@ -120,17 +122,17 @@ def test_a_receipt_holds_the_goals_that_were_taken_from_a_recording(run, tmp_pat
         given = {"goals": changed} if any(changed) else None
         plan = EvaluationPlan.of(receipt.evaluation, given)
         scores = {"goals": score_episodes(results["goals"], plan.score)}
-        anew = evaluate_job.as_json(plan, scores)
+        anew = as_json(plan, scores)
         dataclasses.replace(receipt, evaluation=anew, results=results).write(tmp_path / "b.npz")
 
     moved = copy.deepcopy(resets)
     moved[1]["goal_states"][0][3] += 1e-9
     forge(moved)
-    assert run(verify, "b.npz")[0] == DIGITS_DIFFER
+    assert run(replay, "b.npz")[0] == Verdict.DIGITS_DIFFER
     others = copy.deepcopy(resets)
     others[2]["requested_tasks"] = [task for task in DEFAULT_TASKS if task not in others[2]["requested_tasks"]][:1]
     forge(others)
-    assert run(verify, "b.npz")[0] == 1
+    assert run(replay, "b.npz")[0] == 1
     for broken in ({}, {"goal_states": [[0.0] * 30]}, {"state": {}}, {"goal_states": [[float("nan")] * 30] * 2}):
         with pytest.raises(ValueError, match=r"goal|option"):
             forge([broken, *resets[1:]])
@@ -138,7 +140,7 @@ def test_a_receipt_holds_the_goals_that_were_taken_from_a_recording(run, tmp_pat
             "goals": [dataclasses.replace(receipt.results["goals"][0], reset=broken), *receipt.results["goals"][1:]]
         }
         dataclasses.replace(receipt, results=results).write(tmp_path / "b.npz")
-        status, _, err = run(verify, "b.npz")
+        status, _, err = run(replay, "b.npz")
         assert (status, err.count("\n")) == (1, 1)
 
 
@@ -170,7 +172,7 @@ def test_a_diverged_episode_is_replayed(run, monkeypatch):
     lengths = [len(trace.actions) for trace in receipt.traces["random_4"]]
     assert {*lengths} == {5, 12}
     assert [result.diverged for result in receipt.results["random_4"]] == [length == 5 for length in lengths]
-    assert run(verify, "a.npz")[0] == 0
+    assert run(replay, "a.npz")[0] == 0
 
 
 def test_the_format_is_read_as_documented(written):
@@ -228,22 +230,22 @@ def test_every_changed_byte_is_found(written):
 
 
 def test_bad_files_are_refused(run, written):
-    assert run(verify, "nothing.npz")[0] == 2
+    assert run(replay, "nothing.npz")[0] == 2
     files.Path("text.npz").write_text("a receipt")
-    assert run(verify, "text.npz")[0] == 1
+    assert run(replay, "text.npz")[0] == 1
     with np.load(written) as file:
         arrays = dict(file)
     metadata = json.loads(str(arrays["metadata"]))
     for change in ({"format": 2}, {"episodes": 3}, {"replaced": ["seed"]}, {"episodes": {}}):
         altered = {**arrays, "metadata": np.array(json.dumps({**metadata, **change}))}
         files.Path("b.npz").write_bytes(sealed(files.pack_arrays(altered)))
-        status, _, err = run(verify, "b.npz")
+        status, _, err = run(replay, "b.npz")
         assert status == 1
         assert err.count("\n") == 1
     module = copy.deepcopy(metadata)
     module["evaluation"]["domain_name"] = "os:system"
     files.Path("b.npz").write_bytes(sealed(files.pack_arrays({**arrays, "metadata": np.array(json.dumps(module))})))
-    status, _, err = run(verify, "b.npz")
+    status, _, err = run(replay, "b.npz")
     assert status == 1
     assert "domain" in err
 
@@ -327,17 +329,17 @@ class Forger:
         """Writes a receipt whose scores and list of replaced values follow from its settings and results."""
         plan = EvaluationPlan.of(evaluation)
         scores = {name: score_episodes(each, plan.score) for name, each in results.items()}
-        anew = evaluate_job.as_json(plan, scores)
+        anew = as_json(plan, scores)
         self.written(path, evaluation=anew, results=results, replaced=plan.replaced)
 
 
 def check_alterations(receipt, folder, numbers):
-    """Asserts that `kitchen-verify` confirms none of the alterations of some numbers."""
+    """Asserts that `kitchen-replay` confirms none of the alterations of some numbers."""
     path, kinds = folder / "forged.npz", ("action", "seed", "score", "setting")
     for number in numbers:
         forger = Forger(receipt, number)
         getattr(forger, kinds[number % len(kinds)])(path)
-        assert verify.main([str(path), "--num_threads=1"]) in (1, DIGITS_DIFFER), number
+        assert replay.main([str(path), "--num_threads=1"]) in (1, Verdict.DIGITS_DIFFER), number
 
 
 @pytest.fixture(scope="module")
@@ -346,7 +348,7 @@ def short(tmp_path_factory):
     path = tmp_path_factory.mktemp("short") / "receipt.npz"
     flags = ["--policy=expert", "--num_episodes=2", "--max_episode_steps=12", "--num_envs=2", f"--receipt={path}"]
     assert evaluate.main(flags) == 0
-    assert verify.main([str(path)]) == 0
+    assert replay.main([str(path)]) == 0
     return Receipt.read(path)
 
 
@@ -370,19 +372,19 @@ def test_a_thousand_alterations_are_found(short, tmp_path, capsys, part):
 def test_other_digits_and_other_scores_are_told_apart(run, short, tmp_path):
     path = tmp_path / "b.npz"
     Forger(short, 0).action(path)
-    status, out, err = run(verify, "b.npz")
-    assert (status, err) == (DIGITS_DIFFER, "")
+    status, out, err = run(replay, "b.npz")
+    assert (status, err) == (Verdict.DIGITS_DIFFER, "")
     assert "the scores hold, but not all digits" in out
     assert "numbers differ from control step" in out
     Forger(short, 1).score(path)
-    status, out, err = run(verify, "b.npz")
+    status, out, err = run(replay, "b.npz")
     assert (status, err) == (1, "")
     assert "the scores are not those of the replay" in out
     # What a replay cannot find: the name of the policy, and a version, which is said to be another one here.
     evaluation = copy.deepcopy(short.evaluation)
     evaluation["versions"]["mujoco"] = "1.2.3"
     dataclasses.replace(short, evaluation={**evaluation, "policy": "mine:act"}).write(path)
-    status, out, err = run(verify, "b.npz")
+    status, out, err = run(replay, "b.npz")
     assert (status, err) == (0, "")
     assert "policy mine:act" in out
     assert "made with mujoco 1.2.3, here " in out
@@ -422,9 +424,9 @@ def test_committed_receipts_are_of_the_committed_results():
 def test_committed_receipts_are_confirmed(path, capsys):
     receipt, here = Receipt.read(path), {**installed_versions(), "processor": machine()}
     same = here == {**receipt.evaluation["versions"], "processor": receipt.machine}
-    status = verify.main([str(path)])
+    status = replay.main([str(path)])
     # Elsewhere numbers are rounded otherwise, which contacts multiply.
-    assert status == 0 if same else status in (0, 1, DIGITS_DIFFER)
+    assert status == 0 if same else status in (0, 1, Verdict.DIGITS_DIFFER)
 
 
 def sealed_with(path, arrays, metadata):
@@ -465,7 +467,7 @@ def test_what_makes_no_sense_is_refused_in_one_line(run, opened, tmp_path, kind)
     arrays, metadata = opened
     REFUSED[kind](arrays, metadata)
     sealed_with(tmp_path / "b.npz", arrays, metadata)
-    status, out, err = run(verify, "b.npz")
+    status, out, err = run(replay, "b.npz")
     assert status == 1
     assert err.count("\n") == 1
     assert "\x1b" not in out + err
@@ -476,7 +478,7 @@ def test_every_array_is_compared(run, opened, tmp_path, part):
     arrays, metadata = opened
     arrays[f"random_4/{part}"][0] += 1
     sealed_with(tmp_path / "b.npz", arrays, metadata)
-    assert run(verify, "b.npz")[0] == DIGITS_DIFFER
+    assert run(replay, "b.npz")[0] == Verdict.DIGITS_DIFFER
 
 
 def test_conditions_keep_their_names(run, tmp_path):
@@ -492,7 +494,7 @@ def test_conditions_keep_their_names(run, tmp_path):
     traces = {other.get(name, name): each for name, each in receipt.traces.items()}
     evaluation = {**receipt.evaluation, "conditions": conditions}
     dataclasses.replace(receipt, evaluation=evaluation, results=results, traces=traces).write(path)
-    status, _, err = run(verify, "a.npz")
+    status, _, err = run(replay, "a.npz")
     assert status == 1
     assert "are not the protocol's values" in err
 
@@ -502,7 +504,7 @@ def test_an_episode_that_goes_on_is_not_played_to_its_end(run, short, tmp_path):
     evaluation = copy.deepcopy(short.evaluation)
     evaluation["max_episode_steps"] = 100_000
     Forger(short, 0).written_anew(tmp_path / "b.npz", evaluation, short.results)
-    status, out, _ = run(verify, "b.npz")
+    status, out, _ = run(replay, "b.npz")
     assert status == 1
     assert "control_steps 12, replayed 13" in out
 
@@ -537,19 +539,28 @@ def test_a_receipt_of_many_episodes_is_read_and_one_of_too_many_goals_is_refused
     results, traces = {"random_4": [one] * 10_000}, {"random_4": [short.traces["random_4"][0]] * 10_000}
     dataclasses.replace(short, results=results, traces=traces).write(tmp_path / "many.npz")
     assert Receipt.read(tmp_path / "many.npz").results == results
-    plan = make_plan(EvaluateSettings(policy="zero", num_episodes=30_000))
-    evaluate_job.check_receipt(plan)
+    plan = make_plan(PolicyRef.parse("zero"), replaced=Replaced(num_episodes=30_000))
+    check_receipt(plan)
     goals = {"random_4": [{"goal_states": [0.1] * 400}] * 30_000}
     with pytest.raises(ValueError, match="fewer with goals"):
-        evaluate_job.check_receipt(dataclasses.replace(plan, resets=goals))
+        check_receipt(dataclasses.replace(plan, resets=goals))
 
 
-def test_a_file_does_not_grow_beyond_what_it_declares(tmp_path):
-    """The directory of a zip archive may lie about the size of a member, which some methods decompress at once."""
-    import zipfile
+def test_a_bad_argument_is_not_an_altered_receipt(written):
+    with pytest.raises(ValueError, match="num_envs"):
+        kitchen_suite.replay(written, num_envs=0)
+    with pytest.raises(ValueError, match="num_threads"):
+        kitchen_suite.replay(written, num_threads=0)
+    with pytest.raises(ValueError, match="all together"):
+        kitchen_suite.replay(written, episodes="0,1")
 
-    buffer = np.lib.format.magic(1, 0)
-    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_BZIP2) as archive:
-        archive.writestr("metadata.npy", buffer)
-    with pytest.raises(ValueError, match="unknown method"):
-        files.unpack_arrays(tmp_path / "a.npz")
+
+def test_the_episodes_of_a_page_are_those_that_were_evaluated():
+    plan = make_plan(PolicyRef.parse("random"), replaced=Replaced(num_episodes=2, max_episode_steps=5))
+    seen = []
+    play_again(plan, PolicyRef.parse("random"), 2, lambda buffer, environment: seen.append(buffer.observation))
+    spec = plan.first
+    played = kitchen_suite.play(spec, "random", range(spec.seed, spec.seed + 2))
+    for place, episode in enumerate(sorted(played, key=lambda episode: episode.index)):
+        rows = [observation["observation"] for observation in seen[6 * place : 6 * (place + 1)]]
+        np.testing.assert_array_equal(rows, episode.arrays["observation/observation"])

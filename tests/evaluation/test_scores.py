@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from kitchen_suite import files
-from kitchen_suite.evaluation import results as scores
+from kitchen_suite.evaluation import scores
 from kitchen_suite.evaluation.protocols import Score
-from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
+from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
 from kitchen_suite.tasks.records import Completions
 
 

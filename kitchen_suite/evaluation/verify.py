@@ -1,4 +1,4 @@
-"""The work of `kitchen-verify`: the episodes of a receipt played again, and their scores computed anew."""
+"""Plays the episodes of a receipt again, without the policy, and computes their scores anew."""
 
 import collections
 import contextlib
@@ -6,22 +6,27 @@ import dataclasses
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from kitchen_suite import files
+from kitchen_suite import checks, files
+from kitchen_suite.episodes.replay import Verdict, worst
 from kitchen_suite.episodes.report import EpisodeBar, print_line, table
 from kitchen_suite.episodes.spec import EpisodeSpec, even_count
-from kitchen_suite.evaluation.evaluate_job import as_json, format_heading, play
+from kitchen_suite.evaluation import tables
+from kitchen_suite.evaluation.evaluate import as_json, play
 from kitchen_suite.evaluation.plan import EvaluationPlan
-from kitchen_suite.evaluation.receipts import Receipt, Replay, Trace
-from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
+from kitchen_suite.evaluation.receipts import ActionReplay, Receipt, Trace
+from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
-from kitchen_suite.settings import FAILURE, VerifySettings
 from kitchen_suite.versions import installed_versions, machine
 
-DIGITS_DIFFER = 3  # Exit status where all scores are equal, but not all digits.
+_VERDICTS = {
+    Verdict.EQUAL: "the receipt holds: all numbers are equal to the bit, and all scores follow from them",
+    Verdict.DIGITS_DIFFER: "the scores hold, but not all digits: actions were altered, or this is another machine",
+    Verdict.ALTERED: "the scores are not those of the replay: the receipt was altered, or this is another machine",
+}
 
 # Arguments of environments on which pictures and layouts of observations depend, and none of the numbers compared.
 _OF_OBSERVATIONS = {*PICTURE_OPTIONS, "obs_type", "render_quality"}
@@ -44,6 +49,12 @@ class Comparison:
     greatest: float
 
     @property
+    def verdict(self) -> Verdict:
+        if not self.scores_alike:
+            return Verdict.ALTERED
+        return Verdict.EQUAL if self.first is None else Verdict.DIGITS_DIFFER
+
+    @property
     def scores_alike(self) -> bool:
         """Whether both have the same result, in numbers of the same types."""
         return repr(self.recorded) == repr(self.replayed)
@@ -58,42 +69,45 @@ class Comparison:
         return "; ".join([f"{where}: {start}", *results])
 
 
-class VerifyJob:
-    """Checks a receipt."""
+class AlteredError(checks.WorkFailedError):
+    """A receipt that does not agree with itself."""
 
-    errors: ClassVar = {OSError: FAILURE, TypeError: FAILURE, ValueError: FAILURE}
 
-    def __init__(self, settings: VerifySettings) -> None:
-        self._path = Path(settings.receipt)
-        if not self._path.exists():
-            raise FileNotFoundError(f"no such file: {settings.receipt!r}")
-        self._settings, self._finished = settings, 0
+def verify(path: Path, *, num_envs: int = 16, num_threads: int | None = None, verbose: bool = False) -> Verdict:
+    """Checks a receipt against itself, and plays its episodes again.
 
-    def progress(self) -> str:
-        return f"after {self._finished} episodes"
+    Args:
+      path: of the receipt.
+      num_envs: number of environments that are stepped together.
+      num_threads: number of threads that step them; one per processor when None.
+      verbose: whether to print what was found.
 
-    def run(self) -> bool | int:
-        """Checks the receipt against itself and a replay; returns whether all is equal, or `DIGITS_DIFFER`."""
-        receipt = Receipt.read(self._path)
+    Raises:
+      AlteredError: what the receipt says does not agree with the rest of it.
+      OSError: the file cannot be read, or is no receipt.
+    """
+    checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
+    if num_threads is not None:
+        checks.integer(num_threads, "num_threads", minimum=1, maximum=checks.MAX_THREADS)
+    receipt = Receipt.read(path)
+    try:
         plan = checked_plan(receipt)
-        print_line("\n".join([format_heading(plan), *_circumstances(receipt)]))
+        if verbose:
+            print_line("\n".join([tables.format_heading(plan), *_circumstances(receipt)]))
         compared: dict[str, list[Comparison]] = {name: [] for name in plan.specs}
         with EpisodeBar(plan.num_episodes * len(plan.specs)) as bar:
-            for comparison in compare(receipt, plan, self._settings.num_envs, self._settings.num_threads):
+            for comparison in compare(receipt, plan, num_envs, num_threads):
                 compared[comparison.recorded.condition].append(comparison)
-                self._finished += 1
                 bar.count(comparison.replayed.success)
+    except (TypeError, ValueError) as error:
+        raise AlteredError(str(error)) from error
+    everything = [comparison for each in compared.values() for comparison in each]
+    verdict = worst(comparison.verdict for comparison in everything)
+    if verbose:
         print_line(f"\n{_table(compared)}\n")
-        everything = [comparison for each in compared.values() for comparison in each]
         _print_differences(everything)
-        if not all(comparison.scores_alike for comparison in everything):
-            print_line("the scores are not those of the replay: the receipt was altered, or this is another machine")
-            return False
-        if any(comparison.first is not None for comparison in everything):
-            print_line("the scores hold, but not all digits: actions were altered, or this is another machine")
-            return DIGITS_DIFFER
-        print_line("the receipt holds: all numbers are equal to the bit, and all scores follow from them")
-        return True
+        print_line(_VERDICTS[verdict])
+    return verdict
 
 
 def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: int | None) -> Iterator[Comparison]:
@@ -110,7 +124,7 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
             shape = environments.single_action_space.shape
             if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
                 raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
-            replay = Replay({result.seed: trace.actions for result, trace in zip(results, traces, strict=True)})
+            replay = ActionReplay({result.seed: trace.actions for result, trace in zip(results, traces, strict=True)})
             for replayed, trace in play(name, plan, environments, replay, waiting, recorded=True):
                 assert trace
                 recorded, given = results[replayed.episode], traces[replayed.episode]

@@ -8,17 +8,16 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
-from scipy import special
+from scipy import stats
 
 from kitchen_suite import files
 from kitchen_suite.evaluation.protocols import Score
-from kitchen_suite.settings import MAX_SEED
 from kitchen_suite.tasks.task import SuiteTask
 
 # Probability with which an interval contains the true value.
 CONFIDENCE = 0.95
 
-_TAIL = (1.0 + CONFIDENCE) / 2.0
+MAX_SEED = 2**63 - 1  # Of results: msgspec has 64 bits.
 
 # An interval: its least and its greatest value; None where episodes are too few for one.
 Interval = tuple[float, float] | None
@@ -39,12 +38,8 @@ def rate(verdicts: ArrayLike) -> tuple[float, Interval]:
 
 def wilson(successes: int, count: int) -> tuple[float, float]:
     """Returns Wilson's score interval of the probability of success, given the successes of `count` trials."""
-    z = float(special.ndtri(_TAIL))
-    centre = (successes + z**2 / 2) / (count + z**2)
-    half = z / (count + z**2) * math.sqrt(successes * (count - successes) / count + z**2 / 4)
-    # The bounds of all failures and all successes are 0 and 1; rounding would miss them.
-    low = 0.0 if successes == 0 else centre - half
-    return low, 1.0 if successes == count else centre + half
+    interval = stats.binomtest(successes, count).proportion_ci(CONFIDENCE, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def mean(values: ArrayLike, *, low: float = -math.inf, high: float = math.inf) -> tuple[float, Interval]:
@@ -61,8 +56,10 @@ def mean(values: ArrayLike, *, low: float = -math.inf, high: float = math.inf) -
     middle = float(numbers.mean())
     if numbers.size == 1:
         return middle, None
-    half = float(special.stdtrit(numbers.size - 1, _TAIL)) * float(numbers.std(ddof=1)) / math.sqrt(numbers.size)
-    return middle, (max(low, middle - half), min(high, middle + half))
+    scale = float(stats.sem(numbers))
+    # The interval of equal values has no width, for which SciPy has no distribution.
+    least, greatest = stats.t.interval(CONFIDENCE, numbers.size - 1, middle, scale) if scale else (middle, middle)
+    return middle, (max(low, float(least)), min(high, float(greatest)))
 
 
 def tasks_completed(asked: NDArray[np.bool_], steps: NDArray[np.int64]) -> NDArray[np.int64]:
