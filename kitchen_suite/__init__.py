@@ -1,11 +1,18 @@
 """Kitchen Suite: the Franka kitchen as dm_control composer tasks.
 
 `kitchen_suite.load` builds an environment of the suite. Importing this package registers the Gymnasium ids, such as
-`KitchenSuite/Kettle-v1`. The parts are submodules, imported when first used:
+`KitchenSuite/Kettle-v1`.
+
+Episodes are played by functions, of environments that an `EnvironmentSpec` describes:
+
+- `play`: episodes of a policy; `record`: to a folder, which `convert` makes data sets of
+- `evaluate`: a policy under a published protocol; `replay`: a recording, or the receipt of an evaluation, again
+
+The parts are submodules, imported when first used:
 
 - `suite`: domains and tasks; `environment`: the dm_env environment
 - `gymnasium_env`, `vector_env`: Gymnasium environments, single and vectorised
-- `entities`, `tasks`: robots, props and scenes, and what is to be done in them, for environments of your own
+- `entities`, `tasks`: robots, props and scenes, and what is to be done in them, for custom environments
 - `policies`, `experts`: policies by name; scripted experts, which need the extra `experts`
 """
 
@@ -23,12 +30,44 @@ if _TYPE_CHECKING:
     from kitchen_suite import suite as suite
     from kitchen_suite import tasks as tasks
     from kitchen_suite import vector_env as vector_env
+    from kitchen_suite.datasets.convert import convert as convert
+    from kitchen_suite.episodes.play import play as play
+    from kitchen_suite.episodes.record import record as record
+    from kitchen_suite.episodes.spec import EnvironmentSpec as EnvironmentSpec
+    from kitchen_suite.evaluation.evaluate import evaluate as evaluate
+    from kitchen_suite.evaluation.replay import replay as replay
 
 __version__ = "0.1.0"
-__all__ = ["entities", "environment", "gymnasium_env", "load", "policies", "suite", "tasks", "vector_env"]
+
+_MODULES = ["entities", "environment", "gymnasium_env", "policies", "suite", "tasks", "vector_env"]
+_FUNCTIONS = {
+    "EnvironmentSpec": "kitchen_suite.episodes.spec:EnvironmentSpec",
+    "convert": "kitchen_suite.datasets.convert:convert",
+    "evaluate": "kitchen_suite.evaluation.evaluate:evaluate",
+    "play": "kitchen_suite.episodes.play:play",
+    "record": "kitchen_suite.episodes.record:record",
+    "replay": "kitchen_suite.evaluation.replay:replay",
+}
+
+__all__ = [
+    "EnvironmentSpec",
+    "convert",
+    "entities",
+    "environment",
+    "evaluate",
+    "gymnasium_env",
+    "load",
+    "play",
+    "policies",
+    "record",
+    "replay",
+    "suite",
+    "tasks",
+    "vector_env",
+]
 
 __getattr__, __dir__ = _lazy.attributes(
     __name__,
     [*__all__, "__version__", "experts"],
-    {name: f"kitchen_suite.{name}:" for name in [*__all__, "experts"] if name != "load"},
+    {**{name: f"kitchen_suite.{name}:" for name in [*_MODULES, "experts"]}, **_FUNCTIONS},
 )

@@ -2,7 +2,7 @@
 
 import sys
 
-from kitchen_suite.commands.commands import console_main
+from kitchen_suite.commands import console
 
 if __name__ == "__main__":
-    sys.exit(console_main())
+    sys.exit(console())

@@ -24,6 +24,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+# Greatest number of episodes; beyond it a mistake is more likely than a wish.
+MAX_COUNT = 10**6
+
+# Longer episodes would exceed the 512 MiB of arrays that `files.load_arrays` reads: a control step takes up to 2 KiB.
+MAX_EPISODE_STEPS = 100_000
+
 # Bounds far above what is of use, and below what exhausts a machine before it is refused.
 MAX_ENVS = 2**16
 MAX_THREADS = 2**10
@@ -66,6 +72,10 @@ for _kind in ("string", "long", "other"):
     setattr(_representation, f"max{_kind}", _MAX_SHOWN)
 for _kind in ("array", "deque", "dict", "frozenset", "list", "set", "tuple"):
     setattr(_representation, f"max{_kind}", 12)
+
+
+class WorkFailedError(Exception):
+    """Work that failed though its arguments were right; a command ends with its message and status 1."""
 
 
 def shown(value: object) -> str:

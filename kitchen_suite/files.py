@@ -7,7 +7,6 @@ import functools
 import hashlib
 import io
 import json
-import math
 import os
 import re
 import secrets
@@ -16,10 +15,11 @@ import socket
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 import msgspec
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
@@ -190,21 +190,9 @@ def check_writable(folder: Path) -> None:
         raise PermissionError(f"{folder} may not be written to")
 
 
-def reserve(path: Path, size: int) -> None:
-    """Extends a file by `size` zeros that are allocated on disk: room for a library that a full disk would crash.
-
-    Raises an OSError unless the disk and the limits on files and users allow it. Does nothing on macOS.
-    """
-    if hasattr(os, "posix_fallocate"):
-        path.touch()
-        # Not opened to append: for file systems without such a call, as NFS 3, glibc writes zeros, but does not append.
-        with path.open("r+b") as file:
-            os.posix_fallocate(file.fileno(), file.seek(0, os.SEEK_END), size)
-
-
 def file_digest(path: Path) -> str:
     """Returns the SHA-256 of a file's contents, in hexadecimal."""
-    with path.open("rb") as file:
+    with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -242,23 +230,32 @@ def pack_arrays(arrays: Mapping[str, NDArray]) -> bytes:
 
 def load_arrays(path: Path, what: str, max_bytes: int = MAX_ARRAY_BYTES) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Returns what `save_arrays` wrote; an OSError unless it is `what`, in arrays of at most `max_bytes` together."""
-    with reading(path, what):
-        arrays = unpack_arrays(path, max_bytes)
+    with reading(path, what), open(path, "rb") as file:
+        arrays = unpack_arrays(file, max_bytes)
         return arrays, as_metadata(arrays.pop("metadata"))
 
 
-def unpack_arrays(file: Path | io.BytesIO, max_bytes: int = MAX_ARRAY_BYTES) -> dict[str, NDArray]:
+def unpack_arrays(file: IO[bytes], max_bytes: int = MAX_ARRAY_BYTES) -> dict[str, NDArray]:
     """Returns the arrays of an npz, which together have at most `max_bytes`; any exception for damaged contents."""
-    with zipfile.ZipFile(file) as archive:
-        check_size(sum(info.file_size for info in archive.infolist()), max_bytes)
-        return {name.removesuffix(".npy"): _read_array(archive, name) for name in archive.namelist()}
+    with zipfile.ZipFile(file) as contents:
+        check_size(sum(info.file_size for info in contents.infolist()), max_bytes)
+    # `numpy.load` would advise to unpickle whatever is no npz.
+    with NpzFile(file, allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    for name, array in arrays.items():
+        # NumPy returns the bytes of other files.
+        if not isinstance(array, np.ndarray):
+            raise ValueError(f"{name} is not an array")
+    return arrays
 
 
 def load_metadata(path: Path, what: str) -> dict[str, Any]:
     """Returns only the metadata that `save_arrays` wrote; raises as `load_arrays`."""
-    with reading(path, what), zipfile.ZipFile(path) as archive:
-        check_size(archive.getinfo("metadata.npy").file_size, _MAX_JSON_BYTES)
-        return as_metadata(_read_array(archive, "metadata.npy"))
+    with reading(path, what), open(path, "rb") as file:
+        with zipfile.ZipFile(file) as contents:
+            check_size(contents.getinfo("metadata.npy").file_size, _MAX_JSON_BYTES)
+        with NpzFile(file, allow_pickle=False) as archive:
+            return as_metadata(archive["metadata"])
 
 
 def load_json(path: Path, what: str) -> Any:
@@ -266,14 +263,6 @@ def load_json(path: Path, what: str) -> Any:
     with reading(path, what):
         check_size(path.stat().st_size, _MAX_JSON_BYTES)
         return parse_json(path.read_bytes())
-
-
-def load_record(path: Path, kind: type[T], what: str) -> T:
-    """Returns a dataclass of the contents of a JSON file; raises an OSError unless they describe `what`."""
-    try:
-        return parse(load_json(path, what), kind, f"{path} does not describe {what}")
-    except ValueError as error:
-        raise OSError(str(error)) from error
 
 
 def write_json(path: Path, value: Any, indent: int = 2) -> None:
@@ -350,21 +339,6 @@ def check_size(size: int, limit: int) -> None:
     """Raises an OSError if contents of `size` bytes are larger than a limit."""
     if size > limit:
         raise OSError(f"it would take {size} bytes of memory, more than {limit}")
-
-
-def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray:
-    """Returns an array of an npz file, whose size has to be what its header says."""
-    # By these methods parts can be read alone, of a MiB at most: the sizes in the archive may be wrong.
-    if archive.getinfo(name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise ValueError(f"{name} is compressed by an unknown method")
-    with archive.open(name) as member:
-        version = np.lib.format.read_magic(member)
-        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, is_fortran, dtype = read_header(member)
-        data = bytearray(b"".join(iter(functools.partial(member.read, 2**20), b"")))
-    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data):
-        raise ValueError(f"{name} does not hold the array that its header declares")
-    return np.ndarray(shape, dtype, data, order="F" if is_fortran else "C")
 
 
 def as_metadata(array: NDArray, max_size: int = _MAX_JSON_BYTES) -> dict[str, Any]:

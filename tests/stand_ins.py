@@ -59,12 +59,12 @@ def check_pip(command: str, *arguments: str) -> None:
 
 
 def check_command(name: str, *arguments: str) -> None:
-    commands = importlib.import_module("kitchen_suite.commands.commands").COMMANDS
+    commands = importlib.import_module("kitchen_suite.commands")
     if name == "kitchen-suite":
         name, *arguments = arguments or ["--help"]
         if name.startswith("-"):
             return
-    commands[name.removeprefix("kitchen-")].parse(arguments)
+    commands.find(name.removeprefix("kitchen-")).parse(arguments)
 
 
 def check_files(*arguments: str) -> None:

@@ -2,42 +2,41 @@
 
 Some differences cannot be noticed, since nothing else in the files depends on what differs:
   Episodes: statistics and sentence in the metadata, changed by a program that writes the sums of the zip anew. Changed
-    arrays are inputs, which have a digest, or outputs, which a replay finds to differ.
+    arrays are inputs, which have a digest, or outputs, which a replay finds to differ. Physics states that are missing,
+    as in older recordings.
   Recordings: of one before there were digests, actions whose change has no effect.
   Policies: weights and metadata, changed in the same way. A recording or evaluation keeps the digest of the whole file.
-  Minari datasets: HDF5 has no sums, and `metadata.json` is Minari's. A replay finds other arrays and actions.
-  D4RL's files: numbers, since HDF5 has no sums. They are of other programs, whose layout is all that is known.
-  Receipts: what `kitchen-verify` finds by a replay, see tests/evaluation/test_receipts.py.
-  LeRobot's record: numbers of episodes, and specifications that are others. A replay finds other episodes.
+  D4RL's files and Minari datasets: numbers, since HDF5 has no sums. They are of other programs, whose layout is all
+    that is known.
+  Receipts: what `kitchen-replay` finds, see tests/evaluation/test_receipts.py.
 """
 
 import abc
-import dataclasses
 import json
 import resource
 import shutil
+import warnings
 
 import h5py
 import numpy as np
 import pytest
 from helpers.episodes import load_episode
-from helpers.human_files import write_d4rl
+from helpers.human_files import write_d4rl, write_minari
 from helpers.sweeps import brief
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kitchen_suite import files
-from kitchen_suite.commands.commands import record
-from kitchen_suite.datasets.formats import FolderSource, find_source
-from kitchen_suite.datasets.human import ACTION_SIZE, D4RLData, convert
-from kitchen_suite.datasets.lerobot import RECORDING_FILE, load_record
-from kitchen_suite.datasets.minari import MinariSource
-from kitchen_suite.datasets.replay import compare, replay
-from kitchen_suite.episodes.recording import RecordingFolder
-from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
+from kitchen_suite.commands import record
+from kitchen_suite.datasets import minari
+from kitchen_suite.datasets.human import ACTION_SIZE, D4RLData, MinariData, as_episode
+from kitchen_suite.episodes import recording
+from kitchen_suite.episodes.episode import PHYSICS_STATE
+from kitchen_suite.episodes.replay import Verdict, compare, replay_episode
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder
 from kitchen_suite.evaluation.receipts import Receipt, Trace, sealed
-from kitchen_suite.evaluation.results import EpisodeResult
+from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
 from kitchen_suite.tasks.kitchen.observation import SIZE as STATE_SIZE
@@ -140,11 +139,10 @@ class Kind(abc.ABC):
 
 
 def play(source, index, environment):
-    """Returns an episode of a source, and whether its replay is equal."""
+    """Whether the replay of an episode of a recording is equal."""
     recorded = source.load(index)
-    replayed = replay(environment, recorded, source.spec.seeding)
-    comparison = compare(environment.unwrapped.composer_task, recorded, replayed, truncations=True)
-    return recorded, comparison.is_equal(exactly=True)
+    replayed = replay_episode(environment, recorded, source.spec.seeding)
+    return compare(environment.unwrapped.composer_task, recorded, replayed).verdict is Verdict.EQUAL
 
 
 def same(one, other):
@@ -158,20 +156,21 @@ class Recording(Kind):
         self.folder = folder / "runs"
         arguments = ["--num_threads=1", "--max_episode_steps=3", f"--output={self.folder}", "--num_episodes=1"]
         assert record.main(arguments) == 0
-        self.source = FolderSource(self.folder)
-        self.environment = self.source.make_environment(visuals=False)
+        self.source = recording.Recording.open(self.folder)
+        self.environment = self.source.spec.make_environment(visuals=False)
         self.episode = self.source.load(0)
-        self.stats = RecordingFolder.open(self.folder).load_stats(0)
+        self.stats = self.source.load_summary(0)
 
     def read(self, is_edit):
-        opened = RecordingFolder.open(self.folder)
+        opened = recording.Recording.open(self.folder)
         episode = opened.load(0)
         assert opened.spec == self.source.spec
         assert episode.seed == self.episode.seed
-        if not same(episode.arrays, self.episode.arrays):
+        # Older recordings have no physics states.
+        if not same({PHYSICS_STATE: self.episode.arrays[PHYSICS_STATE], **episode.arrays}, self.episode.arrays):
             assert is_edit
-            assert not play(FolderSource(self.folder), 0, self.environment)[1]
-        stats = opened.load_stats(0)
+            assert not play(opened, 0, self.environment)
+        stats = opened.load_summary(0)
         assert is_edit or (stats, episode.instruction) == (self.stats, self.episode.instruction)
 
 
@@ -221,39 +220,6 @@ class Policies(Kind):
         if not is_edit:
             assert policy.metadata == self.policy.metadata
             assert same(policy.arrays, self.policy.arrays)
-
-
-class Datasets(Kind):
-    """A Minari dataset of `kitchen-record`."""
-
-    def __init__(self, folder):
-        arguments = ["--num_threads=1", "--max_episode_steps=3", f"--output={folder / 'runs'}", "--num_episodes=1"]
-        assert record.main([*arguments, "--dataset=x-v0", f"--data_path={folder}"]) == 0
-        self.folder = folder / "x-v0" / "data"
-        self.source = find_source(str(self.folder))
-        assert isinstance(self.source, MinariSource)
-        self.environment = self.source.make_environment(visuals=False)
-        self.episode = self.source.load(0)
-
-    @property
-    def paths(self):
-        return [self.folder / "main_data.hdf5", self.folder / "metadata.json"]
-
-    def edit(self, path, change):
-        path = self.folder / "metadata.json"
-        super().edit(path, change)
-
-    def read(self, is_edit):
-        source = find_source(str(self.folder))
-        if not source.indices:
-            raise ValueError("there are no episodes")
-        same_environment = source.spec == self.source.spec and source._env_spec == self.source._env_spec
-        environment = self.environment if same_environment else source.make_environment(visuals=False)
-        if source.spec is None:
-            source.load(0)
-            return
-        episode, is_equal = play(source, 0, environment)
-        assert is_equal == same(episode.arrays, self.episode.arrays) or not is_equal
 
 
 class Runs(Kind):
@@ -368,15 +334,30 @@ class Receipts(Kind):
                 assert len(trace.checks) == len(trace.actions) + 1
 
 
-class HumanFiles(Kind):
-    """A file of D4RL, as `kitchen-convert` reads it."""
+class HumanData(Kind):
+    """Demonstrations, as `kitchen-convert` reads them."""
 
-    def __init__(self, folder):
-        self.path = folder / "kitchen.hdf5"
-        write_d4rl(self.path)
+    def __init__(self):
         arguments = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
         spec = EnvironmentSpec.make(domain_name="kitchen", task_name="all", task_kwargs=arguments)
         self.environment = suite_env(spec.make_environment())
+
+    def check(self, data):
+        for index, demonstration in enumerate(data.read()):
+            steps = len(demonstration.actions)
+            assert demonstration.observations.shape == (steps + 1, STATE_SIZE)
+            assert demonstration.actions.shape == (steps, ACTION_SIZE)
+            assert np.abs(demonstration.actions).max() < 1.01
+            as_episode(self.environment, index, demonstration)[0].check()
+
+
+class HumanFiles(HumanData):
+    """A file of D4RL."""
+
+    def __init__(self, folder):
+        super().__init__()
+        self.path = folder / "kitchen.hdf5"
+        write_d4rl(self.path)
 
     @property
     def paths(self):
@@ -391,35 +372,29 @@ class HumanFiles(Kind):
                     file[name.replace("/", "")] = array if array.size else h5py.Empty("f4")
 
     def read(self, is_edit):
-        data = D4RLData(self.path, self.environment.composer_task.scene)
-        for index, demonstration in enumerate(data.read()):
-            steps = len(demonstration.actions)
-            assert demonstration.observations.shape == (steps + 1, STATE_SIZE)
-            assert demonstration.actions.shape == (steps, ACTION_SIZE)
-            assert np.abs(demonstration.actions).max() < 1.01
-            convert(self.environment, index, demonstration)[0].check()
+        self.check(D4RLData(self.path, self.environment.composer_task.scene))
 
 
-class LeRobotRecords(Kind):
-    """The record of a recording that a LeRobot dataset has beside LeRobot's own files."""
+class HumanDatasets(HumanData):
+    """A Minari dataset of FrankaKitchen-v1."""
 
     def __init__(self, folder):
-        self.folder = folder
-        spec = EnvironmentSpec.make(domain_name="kitchen", task_name="kettle", task_kwargs={"threshold": 0.2})
-        recording = spec.episodes(policy="random", seed=0, seeding="gymnasium").as_json()
-        episodes = [{"index": index, "seed": index, "sha256": f"{index:064x}"} for index in range(3)]
-        record = {"recording": recording, "num_episodes": 3, "control_frequency": 12.5, "episodes": episodes}
-        folder.joinpath(RECORDING_FILE).parent.mkdir()
-        folder.joinpath(RECORDING_FILE).write_text(json.dumps(record))
+        super().__init__()
+        with minari.folder(folder), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            write_minari("x-v0")
+        self.folder = folder / "x-v0" / "data"
 
     @property
     def paths(self):
-        return [self.folder / RECORDING_FILE]
+        return [self.folder / "main_data.hdf5", self.folder / "metadata.json"]
+
+    def edit(self, path, change):
+        super().edit(self.folder / "metadata.json", change)
 
     def read(self, is_edit):
-        record = load_record(self.folder)
-        json.dumps(dataclasses.asdict(record))
-        EpisodeSpec.from_json(record.recording)
+        name = str(self.folder)
+        self.check(MinariData(minari.load(name), name))
 
 
 class Checkpoints(Kind):
@@ -463,12 +438,11 @@ KINDS = {
     "episodes": Episodes,
     "specifications": Specifications,
     "policies": Policies,
-    "Minari datasets": Datasets,
     "runs": Runs,
     "evaluations": Evaluations,
     "receipts": Receipts,
     "D4RL's files": HumanFiles,
-    "LeRobot's records": LeRobotRecords,
+    "Minari datasets": HumanDatasets,
     "checkpoints": Checkpoints,
 }
 # PyTorch is not among what the default tests need.

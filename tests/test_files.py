@@ -1,7 +1,6 @@
 """Files: what is removed, who may create one, and damaged contents."""
 
 import errno
-import fcntl
 import functools
 import io
 import json
@@ -70,19 +69,6 @@ def test_a_file_is_created_once(tmp_path, monkeypatch, links):
     with pytest.raises(FileExistsError), files.atomic_create(path) as partial:
         partial.write_text("second")
     assert (path.read_text(), os.listdir(tmp_path)) == ("first", [path.name])
-
-
-def test_room_is_reserved_on_a_file_system_that_cannot_reserve(tmp_path, monkeypatch):
-    def write_zeros(descriptor, offset, size):  # As glibc does there.
-        if fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_APPEND:
-            raise OSError(errno.EBADF, "Bad file descriptor")
-        os.pwrite(descriptor, bytes(size), offset)
-
-    monkeypatch.setattr(os, "posix_fallocate", write_zeros, raising=False)
-    path = tmp_path / "main_data.hdf5"
-    for _ in range(2):
-        files.reserve(path, 1000)
-    assert path.read_bytes() == bytes(2000)
 
 
 def test_an_error_of_a_full_disk_names_the_file(tmp_path):

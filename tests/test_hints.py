@@ -14,16 +14,16 @@ from helpers.errors import refused
 from packaging.requirements import Requirement
 
 from kitchen_suite import checks, policies, suite
-from kitchen_suite.commands.command import settings_of
-from kitchen_suite.commands.commands import COMMANDS, evaluate, record, rollout, train
+from kitchen_suite.commands import NAMES, evaluate, find, record, rollout, train
 from kitchen_suite.datasets.formats import FORMATS
+from kitchen_suite.datasets.minari import check_id
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.gymnasium_env import KITCHEN_ID
 from kitchen_suite.gymnasium_env.rendering import RENDER_MODES
 from kitchen_suite.names import PHYSICS
 from kitchen_suite.policies.trained import SHIPPED
-from kitchen_suite.settings import ALGORITHMS
 from kitchen_suite.tasks import GOALS
+from kitchen_suite.training.recipes import ALGORITHMS
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -41,12 +41,12 @@ CHOICES = {
     "goal": GOALS,
     "shipped policy": [path.stem for path in SHIPPED.glob("*.npz")],
     "preset": suite.find_domain("kitchen").resolve("recording"),
-    "command": COMMANDS,
+    "command": NAMES,
     "camera": ["left_cap", "right_cap", "franka/hand", "franka/wrist", "overview", "workspace"],
     **{f"task of {domain.name}": domain.tasks for domain in suite.DOMAINS.values()},
     **{f"obs_type of {domain}": env.obs_types for domain, env in ENVIRONMENTS.items()},
     **{f"control mode of {name}": suite.find_domain(name).resolve("task").control_modes for name in suite.DOMAINS},
-    **{f"flag of {name}": [each.name for each in settings_of(command.settings)] for name, command in COMMANDS.items()},
+    **{f"flag of {name}": [*find(name).flags()] for name in NAMES},
 }
 
 
@@ -77,7 +77,6 @@ MEANT = [
     (rollout, "--Num-Episodes=3", "--num_episodes"),
     (evaluate, "--protocol=D4RL", "d4rl"),
     (evaluate, "--protocol=diffusion_policy", "diffusion-policy"),
-    (record, "--format=LeRobot", "lerobot"),
     (record, "--preset=Random-Order", "random_order"),
     (train, "--algorithm=PPO", "ppo"),
     (rollout, '--task_kwargs={"obs_type": "Pixels-Agent-Pos"}', "pixels_agent_pos"),
@@ -98,11 +97,9 @@ MEANT = [
     (rollout, "--policy=10.0.0.7:8000", "ws://10.0.0.7:8000"),
     (rollout, "--policy=http://localhost:8000", "ws://localhost:8000"),
     (rollout, "--policy=https://me.org/policy", "wss://me.org/policy"),
-    (rollout, "--policy=bc.npz", "trained(file='bc.npz')"),
-    (rollout, "--policy=trained:bc.npz", "trained(file='bc.npz')"),
+    (rollout, "--policy=bc.npz", "bc.npz"),
+    (rollout, "--policy=trained:bc.npz", "write bc.npz"),
     (rollout, "--policy=expert:speed=0.8", "expert(speed=0.8)"),
-    (record, "--dataset=me/demos", "me/demos-v0"),
-    (record, "--dataset=demos", "demos-v0"),
 ]
 
 
@@ -111,6 +108,13 @@ def test_what_a_user_meant_is_said(folder, refusal, command, argument, meant):
     others = [] if command in (rollout, evaluate) else ["--output=runs"]
     assert meant in refusal(command, argument, *others)
     assert not [*folder.iterdir()]
+
+
+def test_names_of_datasets_and_formats_are_suggested():
+    with refused(ValueError, "me/demos-v0"):
+        check_id("me/demos")
+    with refused(ValueError, "did you mean 'lerobot'"):
+        checks.choice("LeRobot", FORMATS, "format")
 
 
 # Suggestions, as they are then written.

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# Each package knows those after it. All know GROUND, which knows no other; WORKERS and RENDERING know hardly more.
+# Each package knows those after it. All know GROUND, which knows no other; RENDERING knows hardly more.
 ORDER = (
     "commands",
     "lerobot",
@@ -20,9 +20,7 @@ ORDER = (
     "training",
     "evaluation",
     "datasets",
-    "benchmarks",
     "episodes",
-    "settings",
     "vector_env",
     "gymnasium_env",
     "policies",
@@ -33,7 +31,7 @@ ORDER = (
     "entities",
 )
 GROUND = ("", "checks", "files", "lazy", "names", "signatures", "types", "versions")
-BESIDE = {"workers": ("rendering",), "rendering": ()}
+BESIDE = {"rendering": ()}
 # For users: `kitchen_suite.experts`, `kitchen_suite.load` and `python -m kitchen_suite`.
 ALIASES = {
     "experts": ("policies",),
@@ -46,12 +44,12 @@ ALIASES = {
 HOMES = {
     "absl": {"commands"},
     "torch": {"training"},
-    "ray": {"workers"},
+    "ray": {"episodes"},
     "minari": {"datasets"},
     "stable_baselines3": {"adapters"},
     "lerobot": {"lerobot"},
-    "mjviser": {"rendering"},
-    "viser": {"rendering"},
+    "mjviser": {"viewer"},
+    "viser": {"viewer"},
     "tensordict": {"adapters"},
     "torchrl": {"adapters"},
 }
@@ -142,8 +140,8 @@ def test_a_heavy_library_stays_in_its_package(library):
 
 def test_no_command_imports_dm_control_before_the_gl_library_is_chosen():
     code = (
-        "import sys; from kitchen_suite.commands.commands import COMMANDS\n"
-        "assert len(COMMANDS) >= 10 and all(command.main(['--help']) == 0 for command in COMMANDS.values())\n"
+        "import sys; from kitchen_suite.commands import NAMES, find\n"
+        "assert len(NAMES) >= 10 and all(find(name).main(['--help']) == 0 for name in NAMES)\n"
         "assert not {'dm_control', 'mujoco', 'torch', 'ray'} & sys.modules.keys()"
     )
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import kitchen_suite
-from kitchen_suite.episodes.rollout_job import _DEFAULT_VIDEO
+from kitchen_suite.commands.play import _DEFAULT_VIDEO
 
 ROOT = Path(__file__).resolve().parent.parent
 LINKS = ("entities", "tasks")

@@ -50,12 +50,11 @@ class Domain:
       physics: of its environments by default, one of `names.PHYSICS`.
       env: entry point of the class of the Gymnasium environment; that of the task's `environment_classes` when omitted.
       vector_env: entry point of the class of the vectorised environment; its default is the task's as well.
-      training: entry point of the `training.hyperparameters.Recipe`; None for the general defaults.
+      training: entry point of the `training.recipes.Recipe`; None for the general defaults.
       recording: entry point of the presets of `kitchen-record`: by name, the settings that they fix.
       evaluation: entry point of the `evaluation.protocols.DomainProtocols`; None for the general protocols alone.
       expert: entry point of the class of the scripted expert, a `policies.experts.Expert`; None if there is none.
       undirected: entry point of the class of the expert that completes tasks in a random order; None if there is none.
-      benchmark: entry point of the `benchmarks.cases.BenchmarkDomain`; None if there is none.
     """
 
     name: str
@@ -76,7 +75,6 @@ class Domain:
     evaluation: str | None = None
     expert: str | None = None
     undirected: str | None = None
-    benchmark: str | None = None
 
     def __post_init__(self) -> None:
         """Checks the record; raises a TypeError or ValueError that names the attribute."""
@@ -94,7 +92,7 @@ class Domain:
             _check_form(env_id, _ENV_ID, "id of an environment")
         if len({self.env_id, *self.task_ids.values()}) <= len(self.tasks):
             raise ValueError(f"task_id {self.task_id!r} must give each task an id of its own; put {{}} for its name")
-        for kind in ("env", "vector_env", "training", "recording", "evaluation", "expert", "undirected", "benchmark"):
+        for kind in ("env", "vector_env", "training", "recording", "evaluation", "expert", "undirected"):
             if (entry_point := getattr(self, kind)) is not None:
                 _check_form(entry_point, _ENTRY_POINT, f"entry point {kind}")
         for kind in ("scene", "task"):

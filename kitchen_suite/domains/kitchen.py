@@ -35,10 +35,9 @@ KITCHEN = Domain(
     replaceable=("tasks_to_complete",),
     env=KITCHEN_ENVIRONMENT.single,
     vector_env=KITCHEN_ENVIRONMENT.vector,
-    training="kitchen_suite.training.hyperparameters:KITCHEN_RECIPE",
-    recording="kitchen_suite.datasets.record_job:KITCHEN_PRESETS",
+    training="kitchen_suite.training.recipes:KITCHEN_RECIPE",
+    recording="kitchen_suite.episodes.presets:KITCHEN_PRESETS",
     evaluation="kitchen_suite.evaluation.protocols:KITCHEN",
     expert="kitchen_suite.policies.experts.kitchen:KitchenExpert",
     undirected="kitchen_suite.policies.experts.undirected:UndirectedExpert",
-    benchmark="kitchen_suite.benchmarks.kitchen:KITCHEN",
 )

@@ -15,7 +15,6 @@ OPEN_CABINET = Domain(
     task_id="KitchenSuite/{}-v1",
     env=OPEN_CABINET_ENVIRONMENT.single,
     vector_env=OPEN_CABINET_ENVIRONMENT.vector,
-    training="kitchen_suite.training.hyperparameters:OPEN_CABINET_RECIPE",
+    training="kitchen_suite.training.recipes:OPEN_CABINET_RECIPE",
     expert="kitchen_suite.policies.experts.open_cabinet:DrawerExpert",
-    benchmark="kitchen_suite.benchmarks.open_cabinet:OPEN_CABINET",
 )

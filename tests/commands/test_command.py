@@ -1,8 +1,5 @@
-"""A command with a job of its own: exit statuses, the line on stderr, and the process that runs it."""
+"""A command: its flags and their help, exit statuses, the line on stderr, and the process that runs it."""
 
-# ruff: noqa: RUF009, each call makes a field of its own
-
-import dataclasses
 import os
 import re
 import shlex
@@ -10,168 +7,189 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import ClassVar
 
 import pytest
+from absl.flags import DEFINE_boolean, DEFINE_enum, DEFINE_integer, DEFINE_list
+from help_text import flag_lines
 
 from kitchen_suite import checks
+from kitchen_suite.commands import flags
 from kitchen_suite.commands.command import Command
-from kitchen_suite.settings import FAILURE, USAGE, flag, num_episodes_flag, output_flag, seed_flag
 
 
-class UsageError(Exception):
-    """An error that is the user's."""
+def define(values):
+    flags.output(values, required=True)
+    flags.file(values, "json", "Results.")
+    flags.file(values, "video", "Video.", suffix=".mp4")
+    flags.number(values, "rate", 25.0, "Things per second.", minimum=0.1)
+    flags.json_object(values, "arguments", "Arguments.")
+    DEFINE_integer("count", 3, "Number of things.", 1, 100, flag_values=values)
+    DEFINE_enum("physics", "exact", ("exact", "fast"), "Kind of physics.", values)
+    DEFINE_list("folders", [], "Folders.", values)
+    DEFINE_boolean("resume", False, "Continue.", values)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Settings:
-    source: str = flag("Recording to replay.")
-    output: Path = output_flag()
-    num_episodes: int = num_episodes_flag(3)
-    seed: int = seed_flag(0)
+def make(run=lambda given: None, **changes):
+    return Command(**{"name": "kitchen-test", "description": "Tests.\n", "define": define, "run": run, **changes})
 
 
-class Job:
-    """Does as the test says."""
-
-    errors: ClassVar = {UsageError: USAGE, OSError: FAILURE}
-
-    def __init__(self, settings):
-        self.settings = settings
-
-    def run(self):
-        return True
-
-    def progress(self):
-        return f"after 1 of {self.settings.num_episodes} episodes"
+def given(*arguments, **changes):
+    """Returns the flags of a command with some arguments."""
+    return make(**changes).parse(["--output=folder", *arguments])[0]
 
 
-def command(**changes):
-    defaults = {"name": "kitchen-test", "description": "Tests.\n", "settings": Settings, "positional": "source"}
-    return Command(**{**defaults, "job": f"{__name__}:Job", **changes})
+def test_arguments_become_values_of_the_flags():
+    values = given(
+        "--json=a.json",
+        "--resume",
+        "--folders=a,b",
+        "--physics=fast",
+        "--rate=12.5",
+        "--count=5",
+        '--arguments={"threshold": 0.1}',
+        "--video=a.mp4",
+    )
+    assert (values.output, values.json, values.video) == (Path("folder"), Path("a.json"), Path("a.mp4"))
+    assert (values.count, values.rate, values.physics, values.resume) == (5, 12.5, "fast", True)
+    assert (values.folders, values.arguments) == (["a", "b"], {"threshold": 0.1})
 
 
-REQUIRED = ("runs", "--output=folder")
+def test_values_are_the_defaults_after_every_use():
+    given("--count=5", "--resume", '--arguments={"threshold": 0.1}', "--folders=a")
+    values = given("--resume", "--noresume")
+    assert (values.count, values.resume, values.arguments, values.folders, values.json) == (3, False, {}, [], None)
 
-BAD = {
-    "": "source is missing: Recording to replay",
-    "runs": "--output is missing: Folder to write to.",
-    "runs more --output=folder": "unexpected argument 'more': all others are flags, see --help",
-    "runs --output=folder -- more": "unexpected argument 'more'",
-    "runs --output=folder --sed=1": "there is no flag --sed (did you mean --seed?); --help lists all",
-    "runs --output=folder --colour=red": "there is no flag --colour; --help lists all",
-    "runs --output=folder --seed=-1": "flag --seed=-1: must be at least 0",
-    f"runs --output=folder --seed={'9' * 50_000}": "(shortened)",
-    f"runs --output=folder --{'seed' * 10_000}=1": "there is no flag --seedseed",
+
+def test_flags_may_stand_before_and_behind_the_argument_without_a_flag():
+    command = make(positional="recording")
+    for arguments in (["runs", "--output=a", "--count=2"], ["--output=a", "--count=2", "runs"]):
+        values, source = command.parse(arguments)
+        assert (values.count, source) == (2, "runs")
+
+
+BAD_VALUES = {
+    "--count=0": "flag --count=0: ",
+    "--count=101": "[1, 100]",
+    "--count=1.5": "1.5",
+    "--count": "Missing value for flag --count",
+    "--rate=fast": "fast",
+    "--rate=nan": "must be finite",
+    "--rate=0": "0.1",
+    "--physics=fats": "<exact|fast>",
+    "--arguments={": "cannot be read as JSON",
+    f"--arguments={'[' * 800}{']' * 800}": "nested deeper than 64 levels",
+    "--arguments=a.json": 'write "$(cat a.json)"',
+    "--arguments=[1]": "must be a JSON object",
+    "--resume=perhaps": "Non-boolean argument",
+    "--json=": "is empty",
+    "--json=.": "is not a file",
+    "--video=film.avi": "must be a file that ends with .mp4",
+    "--video=nowhere/film.mp4": "there is no folder 'nowhere' that may be written to",
+    "--output=file": "is not a folder",
+    "--counts=1": "there is no flag --counts (did you mean --count?); --help lists all",
+    "--Count=1": "did you mean --count?",
+    "--colour=red": "there is no flag --colour; --help lists all",
+    "more": "unexpected argument 'more': all others are flags, see --help",
+    "--flagfile=nothing": "nothing",
+    f"--count={'9' * 50_000}": "(shortened)",
 }
 
 
-@pytest.mark.parametrize("arguments", BAD, ids=lambda text: text[:40])
-def test_a_bad_argument_gets_one_line_and_status_2(arguments, capsys):
-    assert command().main(arguments.split()) == 2
+@pytest.mark.parametrize("argument", BAD_VALUES, ids=lambda text: text[:40])
+def test_a_bad_argument_gets_one_line_and_status_2(argument, folder, capsys):
+    Path("file").write_text("--output=a")
+    assert make().main(["--output=folder", argument]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert re.fullmatch(r"kitchen-test: [^\n]+\n", err)
-    assert BAD[arguments] in err
+    assert BAD_VALUES[argument] in err
     assert len(err) < 1100
 
 
-@pytest.mark.parametrize("error", [ImportError, OSError, TypeError, ValueError])
-def test_an_error_of_the_preparation_gets_one_line_and_status_2(error, capsys, monkeypatch):
-    def refuse(self, settings):
-        raise error("no\nsuch   job")
-
-    monkeypatch.setattr(Job, "__init__", refuse)
-    assert command().main(REQUIRED) == 2
-    assert capsys.readouterr() == ("", "kitchen-test: no such job\n")
+def test_what_is_missing_gets_one_line_and_status_2(capsys):
+    assert make().main([]) == 2
+    assert "--output" in capsys.readouterr().err
+    assert make(positional="recording").main(["--output=a"]) == 2
+    assert "recording is missing" in capsys.readouterr().err
 
 
-def test_an_interrupt_of_the_preparation_gets_one_line_and_status_130(capsys, monkeypatch):
-    def interrupt(self, settings):
-        raise KeyboardInterrupt
+@pytest.mark.parametrize("flag", ["--help", "-h"])
+def test_help_has_the_description_and_every_flag_with_its_default(flag, capsys):
+    # Also where a required flag is missing, and whatever else is given.
+    assert make().main([flag, "--count=0"]) == 0
+    out, err = capsys.readouterr()
+    assert (out.startswith("Tests.\n\nFlags:\n"), err) == (True, "")
+    lines = flag_lines(out)
+    assert {*lines} == {*make().flags()} - {"h"}
+    assert "(default: '3')" in lines["count"]
+    assert "[1, 100]" in lines["count"]
+    assert "<exact|fast>" in lines["physics"]
+    assert "Folder to write to." in lines["output"]
 
-    monkeypatch.setattr(Job, "__init__", interrupt)
-    assert command().main(REQUIRED) == 130
-    assert capsys.readouterr() == ("", "kitchen-test: interrupted\n")
 
-
-def raise_in_run(monkeypatch, error):
-    def run(self):
+def raising(error):
+    def run(given):
         raise error
 
-    monkeypatch.setattr(Job, "run", run)
+    return make(run)
+
+
+class Failed(checks.WorkFailedError):
+    """Work that failed."""
 
 
 @pytest.mark.parametrize(
     ("error", "status", "words"),
     [
-        (KeyboardInterrupt(), 130, "interrupted after 1 of 3 episodes"),
+        (KeyboardInterrupt(), 130, "interrupted"),
         (OSError("disk\nfull"), 1, "disk full"),
-        (UsageError("lost"), 2, "lost"),
+        (Failed("lost"), 1, "lost"),
+        (FileNotFoundError("no such   recording"), 2, "no such recording"),
+        (ImportError("no ray"), 2, "no ray"),
+        (TypeError("no number"), 2, "no number"),
+        (ValueError("no such task"), 2, "no such task"),
     ],
 )
-def test_an_error_of_the_job_gets_one_line_and_its_status(error, status, words, capsys, monkeypatch):
-    raise_in_run(monkeypatch, error)
-    assert command().main(REQUIRED) == status
+def test_a_problem_gets_one_line_and_its_status(error, status, words, capsys):
+    assert raising(error).main(["--output=a"]) == status
     assert capsys.readouterr() == ("", f"kitchen-test: {words}\n")
 
 
-# A broken pipe is an OSError, but no failure of the job; others are bugs.
+# A broken pipe is an OSError, but no failure of the work; others are bugs, whose traceback is wanted.
 @pytest.mark.parametrize("error", [BrokenPipeError(), ZeroDivisionError()])
-def test_other_errors_of_the_job_are_raised(error, capsys, monkeypatch):
-    raise_in_run(monkeypatch, error)
+def test_other_errors_are_raised(error, capsys):
     with pytest.raises(type(error)):
-        command().main(REQUIRED)
+        raising(error).main(["--output=a"])
     assert capsys.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(("success", "status"), [(True, 0), (False, 1)])
-def test_the_status_is_the_jobs_success(success, status, monkeypatch):
-    monkeypatch.setattr(Job, "run", lambda self: success)
-    assert command().main(REQUIRED) == status
+@pytest.mark.parametrize("status", [None, 0, 1, 3])
+def test_the_work_may_return_a_status(status):
+    assert make(lambda given: status).main(["--output=a"]) == (status or 0)
 
 
-def test_a_missing_extra_is_named_with_the_command_that_installs_it(capsys):
-    needs = (("json", "no_such_package", "nor_this_one"), "train")
-    assert command(needs=needs).main(REQUIRED) == 2
-    install = checks.install_command("train")
-    assert capsys.readouterr().err == f"kitchen-test: kitchen-test needs no_such_package and nor_this_one: {install}\n"
+def test_a_diverged_physics_is_a_failure(capsys):
+    from dm_control.rl.control import PhysicsError
 
-
-@pytest.mark.parametrize("wanted", [False, True])
-def test_a_gl_library_is_prepared_for_jobs_that_render(wanted, monkeypatch):
-    prepared = []
-    monkeypatch.setattr("kitchen_suite.rendering.gl.prepare", lambda rendering: prepared.append(rendering))
-    assert command(renders=lambda settings: settings.seed == 1).main([*REQUIRED, f"--seed={int(wanted)}"]) == 0
-    assert prepared == [wanted]
+    assert raising(PhysicsError("it diverged")).main(["--output=a"]) == 1
+    assert capsys.readouterr().err == "kitchen-test: it diverged\n"
 
 
 SCRIPT = """
 import os, signal, sys
-from kitchen_suite.commands import command
-from kitchen_suite.settings import FAILURE, PlaySettings
+from kitchen_suite.commands import flags
+from kitchen_suite.commands.command import Command
 
-class Job:
-    errors = {{OSError: FAILURE}}
+def run(given):
+    {run}
 
-    def __init__(self, settings):
-        self.count = settings.num_episodes
-
-    def run(self):
-        {run}
-
-    def progress(self):
-        return f"after 2 of {{self.count}} episodes"
-
-command.gl.prepare = lambda rendering: None
-{setup}
-sys.exit(command.Command(name="kitchen-test", description="", settings=PlaySettings, job="__main__:Job")())
+sys.exit(Command(name="kitchen-test", description="", define=lambda values: flags.num_episodes(values, 3), run=run)())
 """
 
 
-def run_process(run="return True", setup="", arguments="--num_episodes=9", streams="", folder=None):
+def run_process(run="return", arguments="--num_episodes=9", streams="", folder=None):
     """Runs a command in a shell that may redirect its streams; returns its status, stdout and stderr."""
-    script = SCRIPT.format(run=run, setup=setup)
+    script = SCRIPT.format(run=run)
     done = subprocess.run(
         f"exec {shlex.quote(sys.executable)} -c {shlex.quote(script)} {arguments} {streams}",
         shell=True,
@@ -185,38 +203,16 @@ def run_process(run="return True", setup="", arguments="--num_episodes=9", strea
     return done.returncode, done.stdout, done.stderr
 
 
-KILL = f"os.kill(os.getpid(), {int(signal.SIGTERM)})"
-
-INTERRUPTS = {
-    "the job": (f"{KILL}; signal.pause()", "", " after 2 of 9 episodes"),
-    # Python prints what a destructor raises, and goes on.
-    "a destructor": (
-        "Unlucky(); [signal.pause() for _ in range(2)]",
-        f"class Unlucky:\n    def __del__(self):\n        {KILL}",
-        " after 2 of 9 episodes",
-    ),
-    # An extension module that is interrupted while it is imported raises an ImportError.
-    "an import": (
-        "return True",
-        "def prepare(rendering):\n"
-        f"    try:\n        {KILL}\n"
-        "    except KeyboardInterrupt:\n        raise ImportError('initialization failed')\n"
-        "command.gl.prepare = prepare",
-        "",
-    ),
-}
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_interrupts(number):
+    run = f"os.kill(os.getpid(), {int(number)}); signal.pause()"
+    assert run_process(run) == (130, "", "kitchen-test: interrupted\n")
 
 
-@pytest.mark.parametrize("place", INTERRUPTS)
-def test_a_signal_interrupts(place):
-    run, setup, progress = INTERRUPTS[place]
-    assert run_process(run, setup) == (130, "", f"kitchen-test: interrupted{progress}\n")
-
-
-# Python notices a closed pipe when it flushes: during the job, or after it.
+# Python notices a closed pipe when it flushes: during the work, or after it.
 @pytest.mark.parametrize("line", ["'line' * 100_000", "'line'"])
 def test_a_closed_pipe_gets_its_own_status_and_no_traceback(line):
-    script = SCRIPT.format(run=f"print({line}); return True", setup="")
+    script = SCRIPT.format(run=f"print({line})")
     reader, writer = os.pipe()
     os.close(reader)
     done = subprocess.run([sys.executable, "-c", script], stdout=writer, stderr=subprocess.PIPE, timeout=60)
@@ -224,23 +220,11 @@ def test_a_closed_pipe_gets_its_own_status_and_no_traceback(line):
     assert (done.returncode, done.stderr) == (141, b"")
 
 
-WORK = "print('line'); open('done', 'w'); return True"
-
-
-@pytest.mark.parametrize("streams", [">&-", "<&- >&- 2>&-", "2>/dev/full"])
-def test_a_closed_stream_ends_in_no_traceback(tmp_path, streams):
-    status, out, err = run_process(WORK, streams=streams, folder=tmp_path)
-    assert (status, err) == (0, "")
-    assert bool(out) == (">&-" not in streams)
-    # The file has not taken the number of a closed stream, to which libraries write.
-    assert tmp_path.joinpath("done").read_text() == ""
-
-
 @pytest.mark.parametrize("arguments", ["", "--help"])
 def test_a_full_stdout_gets_one_line(tmp_path, arguments):
-    status, _, err = run_process(WORK, arguments=arguments, streams=">/dev/full", folder=tmp_path)
+    status, _, err = run_process("print('line')", arguments=arguments, streams=">/dev/full", folder=tmp_path)
     assert status == 1
-    # Python notices when it flushes: during the job, or after it.
+    # Python notices when it flushes: during the work, or after it.
     assert re.fullmatch(r"kitchen-test: (stdout cannot be written to: )?\[Errno 28\] No space left on device\n", err)
 
 
@@ -249,5 +233,8 @@ def test_a_bad_argument_keeps_its_status_where_stderr_is_lost():
 
 
 def test_a_warning_of_python_takes_one_line():
-    run = "import warnings; warnings.warn('no light meshes'); return True"
-    assert run_process(run) == (0, "", "UserWarning: no light meshes\n")
+    assert run_process("import warnings; warnings.warn('no light meshes')") == (
+        0,
+        "",
+        "UserWarning: no light meshes\n",
+    )

@@ -1,0 +1,118 @@
+"""The command `kitchen-evaluate`."""
+
+import contextlib
+import textwrap
+from typing import TYPE_CHECKING
+
+from absl.flags import DEFINE_boolean, DEFINE_string, FlagValues
+
+from kitchen_suite.commands import flags, watching
+from kitchen_suite.commands.command import Command
+from kitchen_suite.evaluation.protocols import PROTOCOLS
+
+if TYPE_CHECKING:
+    from kitchen_suite.episodes.spec import EnvironmentSpec
+
+_DESCRIPTION = """Evaluates a policy under a published protocol, with confidence intervals. Needs no display.
+
+  kitchen-evaluate --policy=expert                             200 episodes of random 4 of the kitchen's 7 tasks
+  kitchen-evaluate --policy=expert --protocol=d4rl --json=expert.json --web=expert.html
+  kitchen-evaluate --policy=policy.npz --task_name=all --output=evaluation
+  kitchen-evaluate --policy=expert --output=evaluation --resume    continues an evaluation that was interrupted
+  kitchen-evaluate --policy=expert --receipt=expert.npz            also writes what kitchen-replay checks
+  kitchen-evaluate --policy=expert --workers=4                     plays on Ray, in four processes
+
+Flags that are given replace the protocol's values, and the JSON has the final ones. The same evaluation has the same
+JSON, to the byte, whatever --num_envs, --num_threads and --workers. A policy module:callable must be stateless, or be
+played with --num_envs=1. Exit status: 0; 1 if writing or the workers failed; 2 for a bad argument or policy, with one
+line on stderr; 130 if interrupted. Protocols, whose sources and values are in docs/guide/evaluation.md:
+"""
+
+
+def _protocol_lines() -> str:
+    names: dict[str, list[str]] = {"all domains": [], "the kitchen": []}
+    for protocol in PROTOCOLS.values():
+        names["all domains" if protocol.is_general else "the kitchen"].append(protocol.name)
+    lines = (f"of {domains}: {', '.join(each)}" for domains, each in names.items())
+    wrapper = textwrap.TextWrapper(100, "  ", subsequent_indent=" " * 6, break_on_hyphens=False)
+    return "\n".join(["", *map(wrapper.fill, lines), ""])
+
+
+def define(values: FlagValues) -> None:
+    """Defines the flags."""
+    unset = "the protocol's"
+    text = "Protocol of the evaluation: it sets task, variations, seeds and number of episodes."
+    DEFINE_string("protocol", "default", text, values)
+    flags.policy(values)
+    flags.seed(values, default=None, unset=unset)
+    flags.num_episodes(values, None, unset=unset)
+    flags.max_episode_steps(values, unset=unset)
+    flags.num_envs(values)
+    flags.cluster(values)
+    goals = "Folder of a recording, from whose episodes some protocols take their goals."
+    flags.path(values, "dataset", goals)
+    flags.output(values)
+    DEFINE_boolean("resume", False, "Continue the evaluation in the folder.", values)
+    flags.file(values, "json", "File to write the results to as JSON; it may be replaced.")
+    receipt = "File to write a receipt to, with which kitchen-replay checks the scores without the policy."
+    flags.file(values, "receipt", receipt, suffix=".npz")
+    flags.task(values, unset=unset, task_unset=unset)
+    flags.page(values)
+
+
+def run(given: FlagValues) -> None:
+    """Evaluates the policy; prints the scores, and writes the files that are wanted."""
+    from kitchen_suite import files
+    from kitchen_suite.episodes.spec import EnvironmentSpec
+    from kitchen_suite.evaluation.evaluate import evaluate, play_again
+    from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE
+    from kitchen_suite.policies import PolicyRef
+
+    own = [given.output / name for name in (DESCRIPTION_FILE, EPISODES_FILE)] if given.output else []
+    paths = [path.resolve() for path in (given.json, given.receipt, given.web, *own) if path]
+    if len({*paths}) < len(paths):
+        raise ValueError("json, receipt and web must be different files, and none of the output's own")
+    kwargs = flags.environment_kwargs(given)
+    spec = EnvironmentSpec.make(given.domain_name, given.task_name, kwargs)
+    flags.prepare_images(spec)
+    if given.web:
+        _check_page(given, spec)
+    evaluation = evaluate(
+        given.policy,
+        protocol=given.protocol,
+        domain_name=given.domain_name,
+        task_name=given.task_name,
+        task_kwargs=kwargs,
+        seed=given.seed,
+        num_episodes=given.num_episodes,
+        max_episode_steps=given.max_episode_steps,
+        dataset=given.dataset,
+        num_envs=given.num_envs,
+        num_threads=given.num_threads,
+        cluster=flags.make_cluster(given),
+        output=given.output,
+        resume=given.resume,
+        receipt=given.receipt,
+        verbose=True,
+    )
+    if given.json:
+        with files.atomic_write(given.json) as partial:
+            files.write_json(partial, evaluation.as_json(), indent=1)
+    if given.web:
+        count = min(given.web_episodes, evaluation.plan.num_episodes)
+        with watching.page(given, None) as watch:
+            play_again(evaluation.plan, PolicyRef.parse(given.policy), count, watch)
+
+
+def _check_page(given: FlagValues, spec: "EnvironmentSpec") -> None:
+    """Raises an ImportError or a ValueError if a web page cannot be made, before anything is played."""
+    from kitchen_suite.gymnasium_env.base import suite_env
+    from kitchen_suite.rendering.cameras import find_camera
+
+    watching.check_page(given)
+    with contextlib.closing(spec.make_environment()) as environment:
+        find_camera(suite_env(environment).environment.physics, given.camera)
+
+
+COMMAND = Command(name="kitchen-evaluate", description=f"{_DESCRIPTION}{_protocol_lines()}", define=define, run=run)
+main = COMMAND.main
