@@ -11,7 +11,9 @@ import json
 import os
 import tempfile
 
-from kitchen_suite.commands.commands import evaluate, record, train
+import kitchen_suite
+from kitchen_suite import EnvironmentSpec
+from kitchen_suite.commands import train
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--task", default="microwave", help="task of the kitchen (default: %(default)s)")
@@ -23,18 +25,19 @@ options = parser.parse_args()
 
 with tempfile.TemporaryDirectory() as temporary:
     folder = options.output or temporary
-    demonstrations, run, results = (os.path.join(folder, name) for name in ("demonstrations", "run", "results.json"))
-    task = [f"--task_name={options.task}"]
-    noisy_expert = ["--policy=expert(action_noise=0.1, jitter=0.01)", f"--num_episodes={options.episodes}"]
-    assert not record.main([*task, *noisy_expert, f"--output={demonstrations}"])
+    demonstrations = os.path.join(folder, "demonstrations")
+    run = os.path.join(folder, "run")
+    spec = EnvironmentSpec.make("kitchen", options.task, {})
+    kitchen_suite.record(demonstrations, spec, "expert(action_noise=0.1, jitter=0.01)", num_episodes=options.episodes)
 
     settings = {"width": options.width, "batch_size": 128, "averaging": 0.98}
-    clone = ["--domain_name=kitchen", "--algorithm=bc", f"--demonstrations={demonstrations}", f"--output={run}"]
+    task = ["--domain_name=kitchen", f"--task_name={options.task}"]
+    clone = ["--algorithm=bc", f"--demonstrations={demonstrations}", f"--output={run}"]
     lengths = [f"--num_steps={options.num_steps}", f"--eval_interval={options.num_steps}", "--eval_episodes=5"]
     assert not train.main([*task, *clone, *lengths, f"--hyperparameters={json.dumps(settings)}"])
 
-    # The protocol `default` varies the start, which no demonstration did; null leaves the variation out.
-    policy = [f"--policy=trained(file={os.path.join(run, 'policy.npz')!r})", '--task_kwargs={"variations": null}']
-    assert not evaluate.main([*task, *policy, "--num_episodes=10", f"--json={results}"])
-    with open(results, encoding="utf-8") as file:
-        print("success:", json.load(file)["success"])
+    # The protocol `default` varies the start, which no demonstration did; None leaves the variation out.
+    evaluation = kitchen_suite.evaluate(
+        os.path.join(run, "policy.npz"), task_name=options.task, task_kwargs={"variations": None}, num_episodes=10
+    )
+    print("success:", evaluation.scores["success"])

@@ -7,14 +7,13 @@ python imitate_pictures.py
 """
 
 import functools
-import json
-from pathlib import Path
 
 import numpy as np
 import torch
 from torch import nn
 
-from kitchen_suite.commands.commands import evaluate, record
+import kitchen_suite
+from kitchen_suite import EnvironmentSpec
 
 TASK = {"tasks_to_complete": ["kettle", "microwave"], "goals": {"microwave": [-1.2]}, "reward": "dense_gain"}
 CAMERA = {"obs_type": "pixels_agent_pos", "cameras": ["workspace"], "image_size": [64, 64], "render_quality": "fast"}
@@ -49,12 +48,13 @@ def act(timestep):
 
 
 def train(episodes, steps):
-    """Fits a network to the arrays of episodes, and writes its weights."""
+    """Fits a network to recorded episodes, and writes its weights."""
     network, data = Network(), []
     for episode in episodes:
-        later = np.minimum(np.arange(len(episode["action"]))[:, None] + np.arange(8), len(episode["action"]) - 1)
-        seen = episode["observation/pixels"][:-1], episode["observation/agent_pos"][:-1, :9]
-        data.append((*seen, episode["action"][later]))
+        arrays = episode.arrays
+        later = np.minimum(np.arange(episode.steps)[:, None] + np.arange(8), episode.steps - 1)
+        seen = arrays["observation/pixels"][:-1], arrays["observation/agent_pos"][:-1, :9]
+        data.append((*seen, arrays["action"][later]))
     pictures, joints, actions = (torch.as_tensor(np.concatenate(arrays)) for arrays in zip(*data, strict=True))
     optimizer = torch.optim.AdamW(network.parameters())
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
@@ -70,9 +70,7 @@ def train(episodes, steps):
 
 if __name__ == "__main__":
     torch.manual_seed(0)
-    task = ["--task_name=all", f"--task_kwargs={json.dumps({**TASK, **CAMERA, 'variations': None})}"]
-    assert not record.main(
-        [*task, "--policy=expert(action_noise=0.1, jitter=0.01)", "--num_episodes=20", "--output=pictures"]
-    )
-    train([np.load(path) for path in sorted(Path("pictures").glob("*.npz"))], steps=1500)
-    assert not evaluate.main([*task, "--policy=imitate_pictures:act", "--num_episodes=10"])
+    task = {**TASK, **CAMERA, "variations": None}
+    spec = EnvironmentSpec.make("kitchen", "all", task)
+    train(kitchen_suite.record("pictures", spec, "expert(action_noise=0.1, jitter=0.01)", num_episodes=20), steps=1500)
+    kitchen_suite.evaluate(act, task_name="all", task_kwargs=task, num_episodes=10, verbose=True)

@@ -6,7 +6,8 @@ kitchen-rollout --policy=scripted_policy:act --task_name=microwave --control_mod
 
 import numpy as np
 
-from kitchen_suite.commands.commands import rollout
+import kitchen_suite
+from kitchen_suite import EnvironmentSpec
 
 # Speeds of the hand (x, y, z, rotation vector) and the gripper, and for how many control steps.
 MOVES = [
@@ -33,6 +34,6 @@ class Script:
 act = Script()
 
 if __name__ == "__main__":
-    assert not rollout.main(
-        ["--policy=scripted_policy:act", "--task_name=microwave", "--control_mode=ee_delta_pose", "--num_episodes=2"]
-    )
+    spec = EnvironmentSpec.make("kitchen", "microwave", {"control_mode": "ee_delta_pose"})
+    for episode in kitchen_suite.play(spec, act, seeds=range(2)):
+        print(f"seed {episode.seed}: {episode.steps} steps, success {episode.metrics['success']}")

@@ -6,35 +6,24 @@ python docs/experiments/control_modes.py speed      speed of 32 vectorised kitch
 
 import contextlib
 import functools
-import importlib
-import json
 import statistics
-import sys
 import time
-from pathlib import Path
-from typing import Any
 
 import gymnasium
 import numpy as np
+import tracking
+from experiment import RESULTS, run_named, write_rows
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import suite
-from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import KITCHEN_ID
 
-sys.path.append(str(Path(__file__).parent.parent / "scripts"))
-tracking = importlib.import_module("tracking")
-
-RESULTS = Path(__file__).parent / "results"
-NUM_ENVS, ROUNDS, STEPS = 32, 15, 20
+# Of `speed`: environments, rounds that count, and control steps of a round.
+NUM_ENVS = 32
+ROUNDS = 15
+STEPS = 20
 SPEED_MODES = ("joint_velocity", "joint_position", *tracking.HOLDING_MODES)
-
-
-def load(domain: str, mode: str) -> Environment:
-    """Loads a domain with a control mode; its episodes do not end."""
-    settings = {"terminate_on_tasks_completed": False} if domain == "kitchen" else {}
-    return tracking.load(domain, mode, **settings)
 
 
 def measure_tracking() -> None:
@@ -42,14 +31,14 @@ def measure_tracking() -> None:
     rows = []
     cases = [(domain, mode) for domain in suite.DOMAINS for mode in tracking.HOLDING_MODES]
     for domain, mode in tqdm(cases, unit="mode", disable=None):
-        drift, turn = tracking.drift(load(domain, mode), mode, suite.DOMAINS[domain].episode_steps)
+        drift, turn = tracking.drift(tracking.load(domain, mode), mode, suite.DOMAINS[domain].episode_steps)
         row = {"domain": domain, "control_mode": mode, "drift": drift, "turn": turn}
         if mode in tracking.LINE_MODES:
             ways = [(axis, sign) for axis in range(3) for sign in (1, -1)]
-            lines = [tracking.follow_line(load(domain, mode), mode, *way) for way in ways]
+            lines = [tracking.follow_line(tracking.load(domain, mode), mode, *way) for way in ways]
             row |= {name: max(getattr(line, name) for line in lines) for name in ("lateral", "rotation", "shortfall")}
         rows.append(row)
-    write("control_modes_tracking", rows)
+    write_rows(RESULTS / "control_modes_tracking.json", rows)
 
 
 def measure_speed() -> None:
@@ -63,11 +52,11 @@ def measure_speed() -> None:
         # The first round warms up.
         for number in tqdm(range(ROUNDS + 1), unit="round", disable=None):
             order = SPEED_MODES if number % 2 else SPEED_MODES[::-1]
-            seconds = {mode: play(environments[mode], mode, number) for mode in order}
+            seconds = {mode: seconds_of(environments[mode], mode, number) for mode in order}
             for mode in SPEED_MODES if number else ():
                 ratios[mode].append(seconds["joint_velocity"] / seconds[mode])
-    write(
-        "control_modes_speed",
+    write_rows(
+        RESULTS / "control_modes_speed.json",
         [
             {"control_mode": mode, "median": statistics.median(values), "quartiles": statistics.quantiles(values)[::2]}
             for mode, values in ratios.items()
@@ -75,7 +64,7 @@ def measure_speed() -> None:
     )
 
 
-def play(environments: gymnasium.vector.VectorEnv, mode: str, seed: int) -> float:
+def seconds_of(environments: gymnasium.vector.VectorEnv, mode: str, seed: int) -> float:
     """Holds the arm nearly still, as the cost of the physics depends on the motion; returns the time [s]."""
     environments.reset(seed=seed)
     noise = np.random.default_rng(seed).uniform(-0.02, 0.02, (STEPS, *environments.action_space.shape))
@@ -89,7 +78,7 @@ def play(environments: gymnasium.vector.VectorEnv, mode: str, seed: int) -> floa
 @functools.cache
 def still_action(mode: str) -> NDArray[np.float64]:
     """Returns an action of the kitchen that holds the arm at the start."""
-    environment = load("kitchen", mode)
+    environment = tracking.load("kitchen", mode)
     if mode == "joint_velocity":
         return np.zeros(environment.action_spec().shape)
     if mode == "joint_position":
@@ -97,14 +86,5 @@ def still_action(mode: str) -> NDArray[np.float64]:
     return tracking.holding_action(environment, mode)
 
 
-def write(name: str, rows: list[dict[str, Any]]) -> None:
-    """Writes results to docs/experiments/results/, and prints them."""
-    (RESULTS / f"{name}.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(rows, indent=1))
-
-
 if __name__ == "__main__":
-    commands = {"tracking": measure_tracking, "speed": measure_speed}
-    if len(sys.argv) != 2 or sys.argv[1] not in commands:
-        sys.exit(__doc__)
-    commands[sys.argv[1]]()
+    run_named(__doc__, {"tracking": measure_tracking, "speed": measure_speed})

@@ -11,16 +11,16 @@ FOLDER keeps the finished episodes and all receipts: the same command continues 
 """
 
 import shutil
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from experiment import RESULTS, make_parser, run_command
 
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 
-RESULTS = Path(__file__).parent / "results" / "evaluation"
-RECEIPTS = RESULTS.with_name("receipts")
+SCORES = RESULTS / "evaluation"
+RECEIPTS = RESULTS / "receipts"
 
 # Values of --policy.
 POLICIES = ("random", "expert", "trained")
@@ -49,7 +49,7 @@ MAX_RECEIPT = 512 * 2**10
 
 def result_file(case: Case) -> Path:
     """Returns the path of the JSON of an evaluation."""
-    return RESULTS / f"{'_'.join(case)}.json"
+    return SCORES / f"{'_'.join(case)}.json"
 
 
 def receipt_file(case: Case, folder: Path) -> Path:
@@ -57,12 +57,12 @@ def receipt_file(case: Case, folder: Path) -> Path:
     return folder / f"{'_'.join(case)}.npz"
 
 
-def command(case: Case, folder: Path) -> list[str]:
-    """Returns the command of an evaluation: a new one, or an interrupted one that is continued."""
+def flags(case: Case, folder: Path) -> list[str]:
+    """Returns the flags of an evaluation: of a new one, or an interrupted one that is continued."""
     policy, *task, protocol = case
     output = folder / "_".join(case)
     resume = ["--resume"] if (output / DESCRIPTION_FILE).exists() else []
-    flags = [
+    return [
         f"--policy={policy}",
         f"--protocol={protocol}",
         *(f"--task_name={each}" for each in task),
@@ -70,8 +70,8 @@ def command(case: Case, folder: Path) -> list[str]:
         f"--output={output}",
         f"--json={result_file(case)}",
         f"--receipt={receipt_file(case, folder)}",
+        *resume,
     ]
-    return [sys.executable, "-m", "kitchen_suite", "evaluate", *flags, *resume]
 
 
 def takes_goals(case: Case) -> bool:
@@ -86,42 +86,30 @@ def demonstrations(folder: Path) -> Path:
 
 def record(folder: Path) -> None:
     """Records the demonstrations, or what is missing of them."""
-    flags = [f"--output={demonstrations(folder)}", "--policy=expert(action_noise=0.1)", "--task_name=random_4"]
-    command = [sys.executable, "-m", "kitchen_suite", "record", *flags, f"--num_episodes={DEMONSTRATIONS}"]
-    subprocess.run(command, check=True)
+    given = ("--policy=expert(action_noise=0.1)", "--task_name=random_4", f"--num_episodes={DEMONSTRATIONS}")
+    run_command("record", f"--output={demonstrations(folder)}", *given)
 
 
-def cases_of(names: Sequence[str]) -> list[Case]:
-    """Returns the evaluations that arguments name; all without arguments.
-
-    Raises:
-      ValueError: an argument names none.
-    """
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the command."""
     cases = {":".join(case): case for case in CASES}
-    if unknown := [name for name in names if name not in cases]:
-        raise ValueError(f"{unknown[0]!r} is none of {', '.join(cases)}")
-    return [cases[name] for name in names or cases]
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Runs the command; returns the exit status."""
-    try:
-        folder, cases = Path(arguments[0]), cases_of(arguments[1:])
-    except (IndexError, ValueError) as error:
-        print(error if arguments else __doc__, file=sys.stderr)
-        return 2
-    for path in (RESULTS, RECEIPTS, folder):
+    parser = make_parser(__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("cases", nargs="*", metavar="case", help=f"one of {', '.join(cases)}")
+    given = parser.parse_args(arguments)
+    if unknown := [name for name in given.cases if name not in cases]:
+        parser.error(f"{unknown[0]!r} is none of {', '.join(cases)}")
+    for path in (SCORES, RECEIPTS, given.folder):
         path.mkdir(parents=True, exist_ok=True)
-    for case in cases:
+    for case in (cases[name] for name in given.cases or cases):
         if not result_file(case).exists():
             if takes_goals(case):
-                record(folder)
-            subprocess.run(command(case, folder), check=True)
-            receipt = receipt_file(case, folder)
+                record(given.folder)
+            run_command("evaluate", *flags(case, given.folder))
+            receipt = receipt_file(case, given.folder)
             if receipt.stat().st_size <= MAX_RECEIPT:
                 shutil.copy(receipt, RECEIPTS)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

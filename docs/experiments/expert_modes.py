@@ -8,18 +8,14 @@ default mode, and 20 in two others. Both need the extra `experts`.
 """
 
 import functools
-import itertools
-import multiprocessing
 import statistics
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
+from experiment import Case, make_parser, play, play_cases, positive
 from tabulate import tabulate
-from tqdm import tqdm
 
-from kitchen_suite import policies, suite
+from kitchen_suite import suite
 from kitchen_suite.environment import Environment
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
@@ -37,10 +33,6 @@ OPTIONS = {"all": {"time_limit": 36.0}}
 FIRST_SEED = 30_000
 EPISODES = 100
 
-# Domain, task and mode; and with a seed.
-Case = tuple[str, str, str]
-Episode = tuple[str, str, str, int]
-
 
 @functools.lru_cache(maxsize=1)
 def load(domain: str, task: str, mode: str) -> Environment:
@@ -48,16 +40,10 @@ def load(domain: str, task: str, mode: str) -> Environment:
     return suite.load(domain, task, {"visuals": False, "control_mode": mode, **OPTIONS.get(task, {})})
 
 
-def play(episode: Episode) -> tuple[bool, int]:
-    """Plays an episode; returns whether it was a success, and its control steps."""
+def play_episode(episode: Case) -> tuple[bool, int]:
+    """Plays an episode of a domain, task and mode from a seed; returns whether it succeeded, and its control steps."""
     *settings, seed = episode
-    environment = load(*settings)
-    environment.random_state.seed(seed)
-    policy = policies.find("expert")(environment, np.random.default_rng(seed))
-    timestep, steps = environment.reset(), 0
-    while not timestep.last():
-        timestep, steps = environment.step(policy(timestep)), steps + 1
-    return bool(environment.task.episode_metrics["success"]), steps
+    return play(load(*settings), "expert", seed)
 
 
 def cell(domain: str, results: Iterable[tuple[bool, int]]) -> str:
@@ -83,14 +69,6 @@ def further_tasks() -> list[str]:
     return [task.replace(" ", "_") for task in GOALS if task not in DEFAULT_TASKS]
 
 
-def play_all(counts: Mapping[Case, int]) -> dict[Case, list[tuple[bool, int]]]:
-    """Plays a number of episodes of each case."""
-    episodes = [(*case, FIRST_SEED + i) for case, count in counts.items() for i in range(count)]
-    with multiprocessing.get_context("spawn").Pool() as pool:
-        played = iter(list(tqdm(pool.imap(play, episodes, chunksize=20), total=len(episodes), smoothing=0.0)))
-    return {case: list(itertools.islice(played, count)) for case, count in counts.items()}
-
-
 def print_table(domain: str, tasks: Sequence[str], modes: Iterable[str], results: Mapping[Case, Any]) -> None:
     """Prints the table of the results of a domain's tasks."""
     modes = list(modes)
@@ -101,9 +79,8 @@ def print_table(domain: str, tasks: Sequence[str], modes: Iterable[str], results
 
 def measure(count: int) -> None:
     """Plays `count` episodes of each task in each mode, and prints the tables."""
-    results = play_all(
-        {(domain, task, mode): count for domain in MODES for task in tasks_of(domain) for mode in MODES[domain]}
-    )
+    counts = {(domain, task, mode): count for domain in MODES for task in tasks_of(domain) for mode in MODES[domain]}
+    results = play_cases(play_episode, counts, FIRST_SEED)
     for domain, modes in MODES.items():
         print_table(domain, tasks_of(domain), modes, results)
 
@@ -111,12 +88,16 @@ def measure(count: int) -> None:
 def measure_further() -> None:
     """Plays episodes of the kitchen's tasks beyond the reference's, and prints their table."""
     tasks = further_tasks()
-    results = play_all({("kitchen", task, mode): count for task in tasks for mode, count in FURTHER_EPISODES.items()})
+    counts = {("kitchen", task, mode): count for task in tasks for mode, count in FURTHER_EPISODES.items()}
+    results = play_cases(play_episode, counts, FIRST_SEED)
     print_table("kitchen", tasks, FURTHER_EPISODES, results)
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["further"]:
+    parser = make_parser(__doc__)
+    parser.add_argument("episodes", nargs="?", default=str(EPISODES), help="of each task in each mode, or further")
+    chosen = parser.parse_args().episodes
+    if chosen == "further":
         measure_further()
     else:
-        measure(int(sys.argv[1]) if len(sys.argv) > 1 else EPISODES)
+        measure(positive(chosen))

@@ -14,21 +14,18 @@ import contextlib
 import dataclasses
 import functools
 import itertools
-import json
-import multiprocessing
 import statistics
-import sys
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 from unittest import mock
 
+import dm_env
 import gymnasium
 import mujoco
 import numpy as np
-from dm_control.rl.control import PhysicsError
+from experiment import RESULTS, Row, in_processes, measure_missing, play, run_named, timesteps
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -41,21 +38,28 @@ from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 
-RESULTS = Path(__file__).parent / "results"
 TASKS = tuple(task.replace(" ", "_") for task in GOALS)
 FIRST_SEED = 60_000
 
-# Of `experts`, in the default control mode and in the others; of `policies`.
-EXPERT_EPISODES, FURTHER_EPISODES, POLICY_EPISODES = 100, 10, 100
+# Episodes of `experts`, in the default control mode and in the others, and of `policies`.
+EXPERT_EPISODES = 100
+FURTHER_EPISODES = 10
+POLICY_EPISODES = 100
 
-# Of `settings`: number of environments, rounds and control steps of the speeds; then episodes of each task by mode.
-NUM_ENVS, ROUNDS, SPEED_STEPS = 32, 5, 100
-TRIED_MODES, TRIED_EPISODES = ("joint_velocity", "joint_delta", "ee_delta_pose"), 2
+# Of `settings`: environments, rounds and control steps of the speeds; modes, and episodes of each task in each.
+NUM_ENVS = 32
+ROUNDS = 5
+SPEED_STEPS = 100
+TRIED_MODES = ("joint_velocity", "joint_delta", "ee_delta_pose")
+TRIED_EPISODES = 2
 
 # Of `parting`: seeds, and the control steps after which trajectories are compared.
-PARTING_SEEDS, PARTING_STEPS = 10, (1, 5, 10, 20, 30, 40)
+PARTING_SEEDS = 10
+PARTING_STEPS = (1, 5, 10, 20, 30, 40)
 
-RANDOM_STEPS, RANDOM_ENVS = {FAST: 1_000_000, EXACT: 200_000}, 64
+# Of `random`: control steps by physics, and environments.
+RANDOM_STEPS = {FAST: 1_000_000, EXACT: 200_000}
+RANDOM_ENVS = 64
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -87,28 +91,6 @@ SETTINGS: dict[str, Tried] = {
 }
 
 
-def rows_of(name: str) -> list[dict[str, Any]]:
-    """Returns the rows of a measure that are there."""
-    path = RESULTS / f"{name}.json"
-    rows: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-    return rows
-
-
-def write(name: str, rows: list[dict[str, Any]]) -> None:
-    """Writes the rows of a measure."""
-    text = "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n"
-    (RESULTS / f"{name}.json").write_text(text, encoding="utf-8")
-
-
-def measure_missing(name: str, cases: Iterable[dict[str, Any]], measure: Callable[[dict[str, Any]], dict]) -> None:
-    """Measures the cases that have no row yet, one after the other."""
-    rows, cases = rows_of(name), [*cases]
-    known = [{key: row[key] for key in cases[0]} for row in rows]
-    for case in tqdm([case for case in cases if case not in known], desc=name, disable=None):
-        rows.append({**case, **measure(case)})
-        write(name, rows)
-
-
 @functools.lru_cache(maxsize=1)
 def load(domain: str, task: str, physics: str, mode: str | None = None, **options: Any) -> Environment:
     """Returns an environment; consecutive episodes of a case share it."""
@@ -116,23 +98,10 @@ def load(domain: str, task: str, physics: str, mode: str | None = None, **option
     return suite.load(domain, task, {"visuals": False, "physics": physics, **mode_options, **options})
 
 
-def play(environment: Environment, policy: str, seed: int) -> tuple[bool, int]:
-    """Plays an episode; returns whether it was a success, and its control steps; physics that diverge are a failure."""
-    environment.random_state.seed(seed)
-    environment.task.reset_statistics()
-    act = policies.find(policy)(environment, np.random.default_rng(seed))
-    timestep, steps = environment.reset(), 0
-    with contextlib.suppress(PhysicsError):
-        while not timestep.last():
-            timestep, steps = environment.step(act(timestep)), steps + 1
-        return bool(environment.task.episode_metrics["success"]), steps
-    return False, steps
-
-
 def measure_settings() -> None:
     """Measures speed and successes of the expert with each of `SETTINGS`."""
 
-    def measure(case: dict[str, Any]) -> dict[str, Any]:
+    def measure(case: Row) -> Row:
         settings = SETTINGS[case["settings"]]
         with mock.patch.object(KitchenArena, "fast_physics", settings):
             failed = []
@@ -143,7 +112,7 @@ def measure_settings() -> None:
                 load.cache_clear()
             return {**dataclasses.asdict(settings), "ratio": speed_ratio(), "failed": failed}
 
-    measure_missing("fast_settings", ({"settings": name} for name in SETTINGS), measure)
+    measure_missing(RESULTS / "fast_settings.json", ({"settings": name} for name in SETTINGS), measure)
 
 
 def speed_ratio() -> float:
@@ -176,22 +145,17 @@ def measure_experts() -> None:
     """Plays the experts in both physics, in as many processes as there are CPUs."""
     kitchen = [("kitchen", task, mode) for mode in CONTROL_MODES for task in TASKS]
     table = [("microwave_table", "open", mode) for mode in OFFSET_MODES]
-    rows = rows_of("fast_experts")
-    known = {(row["domain"], row["task"], row["mode"]) for row in rows}
-    cases = [case for case in (*kitchen, *table) if case not in known]
-    with multiprocessing.get_context("spawn").Pool() as pool:
-        for row in tqdm(pool.imap(of_expert, cases), total=len(cases), desc="fast_experts", disable=None):
-            rows.append(row)
-            write("fast_experts", rows)
+    names = ("domain", "task", "mode")
+    cases = (dict(zip(names, case, strict=True)) for case in (*kitchen, *table))
+    measure_missing(RESULTS / "fast_experts.json", cases, measure_expert, in_processes)
 
 
-def of_expert(case: tuple[str, str, str]) -> dict[str, Any]:
+def measure_expert(case: Row) -> Row:
     """Plays an expert in both physics; returns successes and median control steps of each."""
-    domain, task, mode = case
-    count = EXPERT_EPISODES if mode == next(iter(CONTROL_MODES)) else FURTHER_EPISODES
-    row: dict[str, Any] = {"domain": domain, "task": task, "mode": mode, "episodes": count}
+    count = EXPERT_EPISODES if case["mode"] == next(iter(CONTROL_MODES)) else FURTHER_EPISODES
+    row: Row = {"episodes": count}
     for physics in PHYSICS:
-        environment = load(domain, task, physics, mode)
+        environment = load(case["domain"], case["task"], physics, case["mode"])
         played = [play(environment, "expert", FIRST_SEED + i) for i in range(count)]
         steps = [steps for success, steps in played if success]
         row[physics] = {"success": len(steps), "steps": statistics.median(steps) if steps else None}
@@ -201,7 +165,7 @@ def of_expert(case: tuple[str, str, str]) -> dict[str, Any]:
 def measure_policies() -> None:
     """Plays the shipped policies in both physics, with the options with which they were trained."""
 
-    def measure(case: dict[str, Any]) -> dict[str, Any]:
+    def measure(case: Row) -> Row:
         path = shipped_as(case["policy"])
         record, row = policies.load_policy(path).metadata, {}
         for physics in PHYSICS:
@@ -215,13 +179,13 @@ def measure_policies() -> None:
 
     shipped = sorted(path.stem for path in SHIPPED.glob("*.npz"))
     names = [name for name in shipped if policies.load_policy(shipped_as(name)).metadata["domain_name"] == "kitchen"]
-    measure_missing("fast_policies", ({"policy": name} for name in names), measure)
+    measure_missing(RESULTS / "fast_policies.json", ({"policy": name} for name in names), measure)
 
 
 def measure_parting() -> None:
     """Plays the expert's actions of the exact physics in the fast one, and compares."""
 
-    def measure(case: dict[str, Any]) -> dict[str, Any]:
+    def measure(case: Row) -> Row:
         apart = [part(case["task"], FIRST_SEED + i) for i in range(PARTING_SEEDS)]
         return {
             str(step): [statistics.median(column) for column in zip(*(each[step] for each in apart), strict=True)]
@@ -230,7 +194,7 @@ def measure_parting() -> None:
         }
 
     cases = ({"task": task.replace(" ", "_")} for task in DEFAULT_TASKS)
-    measure_missing("fast_parting", cases, measure)
+    measure_missing(RESULTS / "fast_parting.json", cases, measure)
 
 
 def part(task: str, seed: int) -> dict[int, tuple[float, float, float]]:
@@ -241,11 +205,17 @@ def part(task: str, seed: int) -> dict[int, tuple[float, float, float]]:
     )
     for environment in (exact, fast):
         environment.random_state.seed(seed)
-    act = policies.find("expert")(exact, np.random.default_rng(seed))
-    timestep, _, apart = exact.reset(), fast.reset(), {}
-    for step in itertools.count(1):
-        action = act(timestep)
-        timestep, _ = exact.step(action), fast.step(action)
+    fast.reset()
+    expert = policies.find("expert")(exact, np.random.default_rng(seed))
+
+    def act(timestep: dm_env.TimeStep) -> NDArray[np.float64]:
+        """Makes the control step of the fast physics with the action of the exact one."""
+        action = expert(timestep)
+        fast.step(action)
+        return action
+
+    apart = {}
+    for step, _ in enumerate(itertools.islice(timesteps(exact, act), max(PARTING_STEPS) + 1)):
         one, other = (np.array(environment.physics.data.qpos) for environment in (exact, fast))
         forces = [contact_force(environment) for environment in (exact, fast)]
         apart[step] = (
@@ -253,9 +223,7 @@ def part(task: str, seed: int) -> dict[int, tuple[float, float, float]]:
             float(np.abs(one - other)[9:].max()),
             abs(forces[0] - forces[1]),
         )
-        if timestep.last() or step == max(PARTING_STEPS):
-            return apart
-    raise AssertionError
+    return apart
 
 
 def contact_force(environment: Environment) -> float:
@@ -273,7 +241,7 @@ def contact_force(environment: Environment) -> float:
 def measure_random() -> None:
     """Steps random actions; counts numbers that are not finite and warnings, and measures how far limits are passed."""
 
-    def measure(case: dict[str, Any]) -> dict[str, Any]:
+    def measure(case: Row) -> Row:
         environments = gymnasium.make_vec(
             suite.DOMAINS[case["domain"]].env_id,
             RANDOM_ENVS,
@@ -297,7 +265,7 @@ def measure_random() -> None:
         return {"steps": steps, "not_finite": bad, "warnings": names, **worst}
 
     cases = ({"domain": name, "physics": each} for name in ("kitchen", "microwave_table") for each in RANDOM_STEPS)
-    measure_missing("fast_random", cases, measure)
+    measure_missing(RESULTS / "fast_random.json", cases, measure)
 
 
 def random_actions(shape: tuple[int, ...], count: int) -> Iterator[NDArray[np.float32]]:
@@ -331,6 +299,4 @@ MEASURES = {
 }
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2 or sys.argv[1] not in MEASURES:
-        raise SystemExit(__doc__)
-    MEASURES[sys.argv[1]]()
+    run_named(__doc__, MEASURES)

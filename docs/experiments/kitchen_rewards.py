@@ -7,27 +7,21 @@ minutes of processor time; `python docs/experiments/kitchen_rewards.py 5` plays 
 """
 
 import functools
-import itertools
-import json
-import multiprocessing
 import statistics
-import sys
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from experiment import RESULTS, Case, make_parser, play_cases, positive, write_rows
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from kitchen_suite.experts import KitchenExpert
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import GOALS
 
-RESULTS = Path(__file__).parent / "results" / "kitchen_rewards.json"
-
 # Seeds that were not used for tuning.
 FIRST_SEED = 50_000
-EPISODES, DENSE_EPISODES = 100, 10
+EPISODES = 100
+DENSE_EPISODES = 10
 STEPS = 280
 
 # Steps over which the potential is averaged.
@@ -66,7 +60,7 @@ def load(task: str, case: str) -> FrankaKitchenEnv:
     return FrankaKitchenEnv([task], **CASES[case][1])
 
 
-def play(episode: tuple[str, str, int]) -> Episode:
+def play(episode: Case) -> Episode:
     """Plays an episode of a task in a case, from a seed."""
     task, case, seed = episode
     env = load(task, case)
@@ -117,12 +111,12 @@ def measure(count: int) -> None:
     """Plays `count` episodes of each task, and fewer with the reward `dense`; writes the results."""
     fewer = min(count, DENSE_EPISODES)
     counts = {"original": count, "strict": count, "dense": fewer, "waiting": fewer, "waiting_gain": fewer}
-    episodes = [(task, case, FIRST_SEED + number) for task in GOALS for case in CASES for number in range(counts[case])]
-    with multiprocessing.get_context("spawn").Pool() as pool:
-        played = iter(list(tqdm(pool.imap(play, episodes, chunksize=fewer), total=len(episodes), smoothing=0.0)))
-    rows = [row(task, {case: list(itertools.islice(played, counts[case])) for case in CASES}) for task in GOALS]
-    RESULTS.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    played = play_cases(play, {(task, case): counts[case] for task in GOALS for case in CASES}, FIRST_SEED)
+    rows = [row(task, {case: played[task, case] for case in CASES}) for task in GOALS]
+    write_rows(RESULTS / "kitchen_rewards.json", rows)
 
 
 if __name__ == "__main__":
-    measure(*map(int, sys.argv[1:2] or [EPISODES]))
+    parser = make_parser(__doc__)
+    parser.add_argument("episodes", nargs="?", type=positive, default=EPISODES, help="of each task and criterion")
+    measure(parser.parse_args().episodes)

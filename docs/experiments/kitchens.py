@@ -30,8 +30,8 @@ from kitchen_suite import policies, suite
 from kitchen_suite.domains.generated_kitchens import KITCHENS
 from kitchen_suite.entities import KitchenDesign, build_generated_kitchen
 from kitchen_suite.entities.designs import SPLITS
-from kitchen_suite.evaluation.certify_job import certify
-from kitchen_suite.evaluation.results import wilson
+from kitchen_suite.evaluation.certification import certify
+from kitchen_suite.evaluation.scores import wilson
 from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of
 from kitchen_suite.tasks.generated_kitchens.mdp import Slots
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES

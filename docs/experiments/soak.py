@@ -10,15 +10,11 @@ the episodes, the numbers that were not finite, those that differed, and the mem
 only.
 """
 
-import argparse
 import contextlib
 import ctypes
 import gc
 import io
 import itertools
-import json
-import os
-import sys
 import tempfile
 import time
 import warnings
@@ -28,18 +24,20 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from experiment import RESULTS, Row, make_parser, read_rows, resident_memory, write_rows
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks.measurements import resident_memory
-from kitchen_suite.commands.commands import record, replay
+from kitchen_suite.commands import record, replay
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
-RESULTS = Path(__file__).parent / "results" / "soak.json"
-TOTAL_STEPS, TOTAL_SECONDS = 10_000_000, 2 * 3600.0
-NUM_ENVS, REPLAYED = 64, 100
+TOTAL_STEPS = 10_000_000
+TOTAL_SECONDS = 2 * 3600.0
+NUM_ENVS = 64
+# Control steps of a part that are played again in a single environment.
+REPLAYED = 100
 # Steps of a part by domain and physics; those of the exact kitchen take about five times as long as others.
 STEPS = {
     ("kitchen", "exact"): 400,
@@ -114,7 +112,7 @@ def flat(observations: Any) -> list[NDArray]:
     return [array for _, part in sorted(observations.items()) for array in flat(part)]
 
 
-def soak(number: int) -> dict[str, Any]:
+def soak(number: int) -> Row:
     """Plays the part of a number; returns its row."""
     chosen = case(number)
     count = STEPS[chosen["domain"], chosen["physics"]]
@@ -186,20 +184,20 @@ def replayed(case: dict[str, Any], seed: int) -> str:
         return f"{recorded} {replay.main([f'{folder}/recording'])}"
 
 
-def main() -> int:
-    """Plays the parts that are missing; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main() -> None:
+    """Plays the parts that are missing."""
+    parser = make_parser(__doc__)
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after this time")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="file of the rows")
+    parser.add_argument("--results", type=Path, default=RESULTS / "soak.json", help="file of the rows")
     options = parser.parse_args()
-    rows = json.loads(options.results.read_text(encoding="utf-8")) if options.results.exists() else []
+    rows = read_rows(options.results)
     process = 1 + max((row["process"] for row in rows), default=0)
     started = time.monotonic()
     warnings.simplefilter("error", RuntimeWarning)
     with tqdm(total=TOTAL_STEPS, initial=sum(row["control_steps"] for row in rows), unit="steps", disable=None) as bar:
         while sum(row["control_steps"] for row in rows) < TOTAL_STEPS or total_seconds(rows) < TOTAL_SECONDS:
             if time.monotonic() - started > 60 * options.minutes:
-                return 0
+                return
             begun = time.monotonic()
             row = soak(len(rows))
             gc.collect()
@@ -207,17 +205,14 @@ def main() -> int:
             ctypes.CDLL(None).malloc_trim(0)
             seconds = round(time.monotonic() - begun, 1)
             rows.append({"process": process, **row, "seconds": seconds, "memory": round(resident_memory(), 1)})
-            partial = options.results.with_suffix(".part")
-            partial.write_text("[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n", encoding="utf-8")
-            os.replace(partial, options.results)
+            write_rows(options.results, rows)
             bar.update(row["control_steps"])
-    return 0
 
 
-def total_seconds(rows: list[dict[str, Any]]) -> float:
+def total_seconds(rows: list[Row]) -> float:
     """Returns the time that the parts have taken [s]."""
     return sum(row["seconds"] for row in rows)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -13,27 +13,22 @@ They use seeds that were not used for tuning. `experts` needs the extra of that 
 import contextlib
 import functools
 import itertools
-import json
-import multiprocessing
 import statistics
-import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import gymnasium
 import mujoco
 import numpy as np
 from dm_control import mjcf
+from experiment import RESULTS, Case, make_parser, play, play_cases, positive, write_rows
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite import policies, suite
+from kitchen_suite import suite
 from kitchen_suite.environment import Environment
 from kitchen_suite.evaluation.protocols import SHIFT_GROUPS
 from kitchen_suite.tasks.variations.distributions import SPLITS
-
-RESULTS = Path(__file__).parent / "results"
 
 TASKS = (("kitchen", "complete"), ("open_cabinet", "top_drawer"), ("open_cabinet", "bottom_drawer"))
 GROUP_SETS = ("start", "dynamics", "sensing", "start,dynamics,sensing", "layout", ",".join(SHIFT_GROUPS))
@@ -48,13 +43,14 @@ FIRST_SEED = 40_000
 EPISODES = 200
 
 LAYOUT_DRAWS = 1_000
-NUM_ENVS, ROUNDS = 32, 11
+# Of `speed`: environments, and rounds that count.
+NUM_ENVS = 32
+ROUNDS = 11
 # Control steps of an episode, and amplitude of random actions with which few episodes end earlier.
 EPISODES_PLAYED = {"kitchen": (280, 0.2), "open_cabinet": (700, 0.02)}
-SOAK_STEPS, SOAK_ENVS = 200_000, 100
+SOAK_STEPS = 200_000
+SOAK_ENVS = 100
 STARTS = 2_000
-
-Case = tuple[str, str, str, str]
 
 
 @functools.lru_cache(maxsize=1)
@@ -64,36 +60,24 @@ def load(domain: str, task: str, groups: str, split: str) -> Environment:
     return suite.load(domain, task, {**options, **(OBSERVED[domain] if "layout" in groups else {})})
 
 
-def play(episode: tuple[str, str, str, str, int]) -> tuple[bool, int]:
+def play_episode(episode: Case) -> tuple[bool, int]:
     """Plays an episode; returns whether it was a success, and the number of layouts refused before it."""
     *case, seed = episode
     environment = load(*case)
-    environment.random_state.seed(seed)
-    policy = policies.find("expert")(environment, np.random.default_rng(seed))
-    environment.task.reset_statistics()
-    timestep = environment.reset()
-    while not timestep.last():
-        timestep = environment.step(policy(timestep))
-    refused = environment.task.variations.info.get("layout_refusals", 0)
-    return bool(environment.task.episode_metrics["success"]), int(refused)
+    success, _ = play(environment, "expert", seed)
+    return success, int(environment.task.variations.info.get("layout_refusals", 0))
 
 
-def measure_experts(count: str = str(EPISODES)) -> None:
+def measure_experts(count: int) -> None:
     """Plays episodes of every task under every set of groups, in as many processes as there are CPUs."""
-    size = int(count)
     cases = [(*task, groups, split) for task in TASKS for groups in GROUP_SETS for split in SPLITS]
-    episodes = [(*case, FIRST_SEED + i) for case in cases for i in range(size)]
-    with multiprocessing.get_context("spawn").Pool() as pool:
-        played = pool.imap(play, episodes, chunksize=min(size, 50))
-        results = list(tqdm(played, total=len(episodes), smoothing=0.0, disable=None))
+    played = play_cases(play_episode, dict.fromkeys(cases, count), FIRST_SEED)
     rows = []
-    for (domain, task, groups, split), chunk in zip(
-        cases, (results[i : i + size] for i in range(0, len(results), size)), strict=True
-    ):
-        row = {"domain": domain, "task": task, "groups": groups, "split": split, "episodes": size}
-        successes, refused = zip(*chunk, strict=True)
+    for (domain, task, groups, split), results in played.items():
+        row = {"domain": domain, "task": task, "groups": groups, "split": split, "episodes": count}
+        successes, refused = zip(*results, strict=True)
         rows.append({**row, "success": sum(successes), "refused_layouts": sum(refused)})
-    write("variations_experts", rows)
+    write_rows(RESULTS / "variations_experts.json", rows)
 
 
 def measure_layouts() -> None:
@@ -107,10 +91,10 @@ def measure_layouts() -> None:
             environment.reset()
             refused += int(environment.task.variations.info["layout_refusals"]) > 0
         rows.append({"domain": domain, "task": task, "split": split, "draws": LAYOUT_DRAWS, "refused": refused})
-    write("variations_layouts", rows)
+    write_rows(RESULTS / "variations_layouts.json", rows)
 
 
-def measure_speed(rounds: str = str(ROUNDS)) -> None:
+def measure_speed(rounds: int) -> None:
     """Plays episodes with and without all variations, in alternating rounds, and writes the ratio of their speeds."""
     rows = []
     for domain, (steps, amplitude) in EPISODES_PLAYED.items():
@@ -121,13 +105,13 @@ def measure_speed(rounds: str = str(ROUNDS)) -> None:
                 made.append(stack.enter_context(contextlib.closing(one)))
             ratios = []
             # The first round warms up.
-            for number in tqdm(range(int(rounds) + 1), desc=domain, unit="round", disable=None):
+            for number in tqdm(range(rounds + 1), desc=domain, unit="round", disable=None):
                 order = made if number % 2 else made[::-1]
                 seconds = {id(each): run(each, number, steps, amplitude) for each in order}
                 ratios += [seconds[id(made[0])] / seconds[id(made[1])]] if number else []
         row = {"domain": domain, "groups": ",".join(SHIFT_GROUPS), "median": statistics.median(ratios)}
         rows.append({**row, "quartiles": statistics.quantiles(ratios)[::2]})
-    write("variations_speed", rows)
+    write_rows(RESULTS / "variations_speed.json", rows)
 
 
 def run(environments: gymnasium.vector.VectorEnv, seed: int, steps: int, amplitude: float) -> float:
@@ -158,7 +142,7 @@ def measure_soak() -> None:
             episodes += int((terminations | truncations).sum())
         row = {"domain": domain, "split": split, "steps": SOAK_STEPS // 2, "episodes": episodes}
         rows.append({**row, "not_finite": bad, "diverged": diverged})
-    write("variations_soak", rows)
+    write_rows(RESULTS / "variations_soak.json", rows)
 
 
 def flat(observations: Any) -> list[NDArray]:
@@ -189,7 +173,7 @@ def measure_starts() -> None:
         rows.append(
             {"split": split, "starts": len(excess), "deepest": max(excess), "median": statistics.median(excess)}
         )
-    write("variations_starts", rows)
+    write_rows(RESULTS / "variations_starts.json", rows)
 
 
 def pairs_of(environment: Environment) -> NDArray[np.int64]:
@@ -215,21 +199,23 @@ def depths(environment: Environment, pairs: NDArray[np.int64]) -> NDArray[np.flo
     return np.maximum(-np.array(distances), 0.0)
 
 
-def write(name: str, rows: list[dict[str, Any]]) -> None:
-    """Writes results to docs/experiments/results/, and prints them."""
-    (RESULTS / f"{name}.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(rows, indent=1))
-
-
-COMMANDS = {
-    "experts": measure_experts,
-    "layouts": measure_layouts,
-    "speed": measure_speed,
-    "soak": measure_soak,
-    "starts": measure_starts,
-}
-
 if __name__ == "__main__":
-    if len(sys.argv) < 2 or sys.argv[1] not in COMMANDS:
-        sys.exit(__doc__)
-    COMMANDS[sys.argv[1]](*sys.argv[2:])
+    parser = make_parser(__doc__)
+    measures = parser.add_subparsers(dest="measure", required=True)
+    measures.add_parser("experts").add_argument("episodes", nargs="?", type=positive, default=EPISODES)
+    measures.add_parser("layouts")
+    measures.add_parser("speed").add_argument("rounds", nargs="?", type=positive, default=ROUNDS)
+    measures.add_parser("soak")
+    measures.add_parser("starts")
+    given = parser.parse_args()
+    match given.measure:
+        case "experts":
+            measure_experts(given.episodes)
+        case "layouts":
+            measure_layouts()
+        case "speed":
+            measure_speed(given.rounds)
+        case "soak":
+            measure_soak()
+        case "starts":
+            measure_starts()

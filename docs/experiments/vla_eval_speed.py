@@ -16,11 +16,11 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+
+from experiment import RESULTS, Row, make_parser, write_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 PLUGIN = ROOT / "docs" / "plugins" / "vla_eval_kitchen"
-RESULTS = Path(__file__).parent / "results" / "vla_eval.json"
 
 # Config and policy. Random actions succeed in no episode, so that each has all of its control steps.
 RUNS = (("state", "trained"), ("state", "random"), ("pixels", "trained"))
@@ -55,7 +55,7 @@ def is_ready(url: str) -> bool:
     return False
 
 
-def measure(config: str, policy: str, *flags: str) -> dict[str, Any]:
+def measure(config: str, policy: str, *flags: str) -> Row:
     """Plays the episodes of a config; returns a row of the results. `flags` are further ones of `vla-eval run`."""
     program = Path(sys.executable).with_name("vla-eval")
     with serving(policy) as url, tempfile.TemporaryDirectory() as folder:
@@ -78,11 +78,6 @@ def measure(config: str, policy: str, *flags: str) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Measures all runs."""
-    rows = [measure(*run) for run in RUNS]
-    RESULTS.write_text(json.dumps(rows, indent=1) + "\n", "utf-8")
-
-
 if __name__ == "__main__":
-    main()
+    make_parser(__doc__).parse_args()
+    write_rows(RESULTS / "vla_eval.json", [measure(*run) for run in RUNS])

@@ -9,26 +9,24 @@ python docs/scripts/films.py video     all tasks side by side: docs/pictures/exp
 All need a GL library; all but `trained` need the extra `experts`.
 """
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from dm_control.mujoco.engine import MovableCamera
+from experiment import PICTURES, run_named, timesteps
 from numpy.typing import NDArray
+from pictures import SMOOTHING, reduced
 from PIL import Image, ImageDraw
 from tqdm import tqdm
 
 from kitchen_suite import policies, suite
-from kitchen_suite.rendering import video
+from kitchen_suite.episodes import video
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 
-PICTURES = Path(__file__).resolve().parent.parent / "pictures"
 FRAMES = 6  # In a picture of a task.
 COLUMNS = 3  # Frames in a row of such a picture, and tiles in a row of the video.
 HEIGHT, WIDTH = 240, 320  # Of a frame [pixels].
-SMOOTHING = 2  # Frames are rendered larger by this factor, and reduced: edges of shadows are not smoothed otherwise.
 FRAMES_PER_SECOND = 12.5
 AFTER_SUCCESS = 1.0  # Time that a film goes on after success [s].
 
@@ -97,19 +95,19 @@ class Film:
         self._environment = suite.load(domain, task, {"random": 0, **kwargs, **task_kwargs})
         self.view = next((view for key, view in VIEWS.items() if key in task), None)
         policy = policies.find(policy_name)(self._environment, np.random.default_rng(0))
-        timestep, step = self._environment.reset(), 0
-        self._states = [self._environment.physics.get_state()]
+        self._states: list[NDArray[np.float64]] = []
         #: Names of the completed tasks at each frame.
-        self.completions: list[list[str]] = [[]]
+        self.completions: list[list[str]] = []
         control_timestep = self._environment.control_timestep()
         steps_per_frame = round(1 / (frames_per_second * control_timestep))
         left = round(AFTER_SUCCESS / control_timestep)
-        while not timestep.last() and left:
-            timestep, step = self._environment.step(policy(timestep)), step + 1
-            left -= bool(self._environment.task.episode_metrics["success"])
+        for step, _ in enumerate(timesteps(self._environment, policy)):
             if step % steps_per_frame == 0:
                 self._states.append(self._environment.physics.get_state())
                 self.completions.append(list(getattr(self._environment.task, "episode_task_completions", ())))
+            left -= bool(self._environment.task.episode_metrics["success"])
+            if not left:
+                break
 
     def __len__(self) -> int:
         return len(self._states)
@@ -130,7 +128,7 @@ class Film:
             picture = camera.render()
         else:
             picture = physics.render(*size, camera_id="overview")
-        return np.array(Image.fromarray(picture).reduce(SMOOTHING))
+        return reduced(picture)
 
 
 def write_strips() -> None:
@@ -197,13 +195,11 @@ def write_video() -> None:
 
 
 if __name__ == "__main__":
-    commands = {
+    made = {
         "strips": write_strips,
         "further": write_further_strips,
         "trained": write_trained_strips,
         "readme": write_readme_film,
         "video": write_video,
     }
-    if len(sys.argv) != 2 or sys.argv[1] not in commands:
-        sys.exit(__doc__)
-    commands[sys.argv[1]]()
+    run_named(__doc__, made)

@@ -8,9 +8,7 @@ python docs/scripts/pictures.py controls   plots and frames of the control modes
 """
 
 import dataclasses
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -20,6 +18,7 @@ import tracking
 from dm_control import mjcf
 from dm_control.mujoco import wrapper
 from dm_control.mujoco.engine import MovableCamera
+from experiment import PICTURES, make_parser
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
@@ -35,7 +34,6 @@ from kitchen_suite.tasks.microwave_table.task import GOAL
 from kitchen_suite.tasks.observables import DEFAULT_SIZE
 from kitchen_suite.tasks.variations.distributions import SPLITS
 
-PICTURES = Path(__file__).resolve().parent.parent / "pictures"
 PICTURE_HEIGHT, PICTURE_WIDTH = 480, 640
 # Pictures are rendered larger by this factor, and reduced: edges of shadows are not smoothed otherwise.
 SMOOTHING = 2
@@ -144,7 +142,11 @@ def write_kitchen_pictures() -> None:
 
 def smooth_picture(physics: mjcf.Physics, camera: str, height: int, width: int) -> np.ndarray:
     """Returns a picture of a camera with smooth edges."""
-    picture = physics.render(SMOOTHING * height, SMOOTHING * width, camera_id=camera)
+    return reduced(physics.render(SMOOTHING * height, SMOOTHING * width, camera_id=camera))
+
+
+def reduced(picture: np.ndarray) -> np.ndarray:
+    """Returns a picture that was rendered larger by the factor `SMOOTHING`, at its size."""
     return np.array(Image.fromarray(picture).reduce(SMOOTHING))
 
 
@@ -284,12 +286,6 @@ def write_control_pictures() -> None:
     render_frames()
 
 
-def control_environment(domain: str) -> Environment:
-    """Loads a domain whose actions move the end effector; its episodes do not end."""
-    settings = {"terminate_on_tasks_completed": False} if domain == "kitchen" else {}
-    return tracking.load(domain, "ee_delta_pose", **settings)
-
-
 def draw_lines() -> None:
     """Plots the end effector's way along the axes of the base, and its distance from the line."""
     import matplotlib
@@ -299,9 +295,9 @@ def draw_lines() -> None:
 
     figure, panels = pyplot.subplots(2, 2, figsize=(9.6, 5.4), sharex="col", constrained_layout=True)
     for column, domain in zip(panels.T, ("kitchen", "open_cabinet"), strict=True):
-        timestep = control_environment(domain).control_timestep()
+        timestep = tracking.load(domain, "ee_delta_pose").control_timestep()
         for axis, colour in enumerate(COLOURS):
-            line = tracking.follow_line(control_environment(domain), "ee_delta_pose", axis, 1)
+            line = tracking.follow_line(tracking.load(domain, "ee_delta_pose"), "ee_delta_pose", axis, 1)
             seconds = timestep * np.arange(1, len(line.angles) + 1)
             column[0].plot(seconds, 1e3 * line.offsets[:, 0], color=colour, label=f"{AXES[axis]} axis")
             column[1].plot(seconds, 1e3 * np.linalg.norm(line.offsets[:, 1:], axis=1), color=colour)
@@ -420,13 +416,13 @@ def _draw_node(panel: Any, node: Any, depth: int, top: float) -> tuple[float, fl
 
 
 if __name__ == "__main__":
-    commands = {
-        (): write_pictures,
-        ("kitchens",): write_kitchens_sheet,
-        ("grammar",): write_grammar_diagram,
-        ("arms",): write_arms_picture,
-        ("controls",): write_control_pictures,
+    made = {
+        "all": write_pictures,
+        "kitchens": write_kitchens_sheet,
+        "grammar": write_grammar_diagram,
+        "arms": write_arms_picture,
+        "controls": write_control_pictures,
     }
-    if tuple(sys.argv[1:]) not in commands:
-        sys.exit(__doc__)
-    commands[tuple(sys.argv[1:])]()
+    parser = make_parser(__doc__)
+    parser.add_argument("pictures", nargs="?", choices=made, default="all")
+    made[parser.parse_args().pictures]()

@@ -8,15 +8,15 @@ import io
 from pathlib import Path
 
 import kitchen_suite
-from kitchen_suite.commands import commands
+from kitchen_suite import commands
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def modules() -> list[str]:
-    """Returns the public modules by dotted name: the package, and what tab completion offers of it."""
-    names = sorted(set(dir(kitchen_suite)) - {"__version__", "load"})
-    return ["kitchen_suite", *(f"kitchen_suite.{name}" for name in names)]
+    """Returns the public modules by dotted name: the package, and the modules that tab completion offers of it."""
+    names = [f"kitchen_suite.{name}" for name in sorted(dir(kitchen_suite))]
+    return ["kitchen_suite", *(name for name in names if importlib.util.find_spec(name))]
 
 
 def public_names(module: str) -> list[str]:
@@ -56,7 +56,7 @@ def _index() -> str:
 
 def _commands() -> str:
     sections = ["# Commands", "The output of each command with `--help`."]
-    mains = {"kitchen-suite": commands.main, **{each.name: each.main for each in commands.COMMANDS.values()}}
+    mains = {"kitchen-suite": commands.main, **{f"kitchen-{name}": commands.find(name).main for name in commands.NAMES}}
     for name, main in mains.items():
         with contextlib.redirect_stdout(io.StringIO()) as output:
             main(["--help"])

@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import benchmark_tables
 from scipy import stats
 from tabulate import tabulate
 
-from kitchen_suite import suite
-from kitchen_suite.benchmarks import benchmark_job
 from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
@@ -36,8 +35,8 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def benchmark_table(name: str) -> str:
-    """Returns the tables of a result of `kitchen-benchmark --json`."""
-    return benchmark_job.markdown(read_results(name))
+    """Returns the tables of a result of `benchmarks.py --json` or `rendering.py --json` in docs/experiments."""
+    return benchmark_tables.markdown(read_results(name))
 
 
 def tracking_table() -> str:
@@ -369,7 +368,7 @@ def imitation_table() -> str:
         for path in RESULTS.glob("imitation/*.json")
     ]
     presets = ("fixed_order", "random_order", "goal_conditioned")
-    algorithms = ("bc", "flow", "vqbet")
+    algorithms = ("bc", "flow")
     found.sort(
         key=lambda each: (
             each["seed"],
@@ -392,7 +391,7 @@ def imitation_table() -> str:
         for result in found
     ]
     rates = (f"p{number}" for number in range(1, 5))
-    header = ("set", "demonstrations", "`--algorithm`", "seed", *rates, "mean tasks", "order entropy", "minutes")
+    header = ("set", "demonstrations", "algorithm", "seed", *rates, "mean tasks", "order entropy", "minutes")
     return markdown(header, rows)
 
 
@@ -429,39 +428,31 @@ def offline_digest_table() -> str:
 def offline_table() -> str:
     """Returns the table of the baselines of docs/experiments/offline.py: means over seeds, with intervals."""
     found = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(RESULTS.glob("offline/*.json"))]
-    cells: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    cells: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for result in found:
-        for task, condition in result["conditions"].items():
-            cells.setdefault((result["preset"], task, result["algorithm"]), []).append({**result, **condition})
-    order = [(preset, name) for preset, names in OFFLINE_BASELINES.items() for name in names]
+        (condition,) = result["conditions"].values()
+        cells.setdefault((result["preset"], result["algorithm"]), []).append({**result, **condition})
+    presets = ("complete", "partial", "mixed")
     rows = [
         (
             f"`{preset}`",
-            f"`{task}`",
             f"`{algorithm}`",
             ", ".join(f"{_offline_score(each):.0f}" for each in results),
             _over_seeds([_offline_score(each) for each in results]),
             *(f"{statistics.fmean(each['success'] for each in results):.2f}",),
             f"{statistics.fmean(each['minutes'] for each in results):.1f}",
         )
-        for (preset, task, algorithm), results in sorted(
-            cells.items(), key=lambda item: (order.index((item[0][0], item[0][2])), item[0][1])
+        # For each set, `iql` before `idql`.
+        for (preset, algorithm), results in sorted(
+            cells.items(), key=lambda item: (presets.index(item[0][0]), len(item[0][1]))
         )
     ]
-    return markdown(("set", "evaluated on", "`--algorithm`", "score of each seed", "mean", "success", "minutes"), rows)
-
-
-# Sets and algorithms, in the order of the table.
-OFFLINE_BASELINES = {
-    **dict.fromkeys(("complete", "partial", "mixed"), ("offline_bc", "iql", "idql", "td3bc")),
-    "play": ("gcbc", "gciql"),
-}
+    return markdown(("set", "algorithm", "score of each seed", "mean", "success", "minutes"), rows)
 
 
 def _offline_score(condition: Mapping[str, Any]) -> float:
     """Returns D4RL's score: the share of the tasks asked for that are completed, times 100."""
-    asked = 1 if condition["task_name"] == "random_1" else 4
-    return 100.0 * float(condition["mean_tasks"]) / asked
+    return 100.0 * float(condition["mean_tasks"]) / 4
 
 
 def _over_seeds(scores: Sequence[float]) -> str:
@@ -911,8 +902,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "kitchen_rendering_card": functools.partial(benchmark_table, "kitchen_rendering_card"),
     **{
         f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")
-        for domain, record in suite.DOMAINS.items()
-        if record.benchmark
-        for measure in benchmark_job.MEASURES
+        for domain in ("kitchen", "open_cabinet")
+        for measure in benchmark_tables.TABLES
     },
 }

@@ -6,12 +6,12 @@ python docs/scripts/speed.py web                 size of a web page of 280 contr
 """
 
 import statistics
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
+from experiment import run_named
 from tabulate import tabulate
 
 from kitchen_suite import policies, suite
@@ -36,7 +36,7 @@ def milliseconds(name: str) -> float:
     metadata, times = policy.metadata, []
     kwargs = {**metadata["task_kwargs"], "visuals": False}
     with suite.load(metadata["domain_name"], metadata["task_name"], kwargs) as environment:
-        act = policy.episode(environment.task, np.random.default_rng(0))
+        act = policy.episode(environment.task)
         timestep = environment.reset()
         for _ in range(ACTIONS):
             started = time.process_time()
@@ -91,11 +91,9 @@ def web_row(domain: str, path: Path) -> str:
 
     The time is that of making the scene, of the frames and of writing the page, without that of the episode.
     """
-    import mjviser  # noqa: F401
-
     from kitchen_suite.rendering import cameras
-    from kitchen_suite.rendering.web_page import WebPage
-    from kitchen_suite.rendering.web_scenes import SceneRecorder
+    from kitchen_suite.viewer.episode_page import SceneRecorder
+    from kitchen_suite.viewer.web_page import WebPage
 
     options = {"visuals": True, "render_quality": "fast"}
     environment = suite.load(domain, suite.default_task(domain), task_kwargs={**options, "random": 0})
@@ -126,7 +124,4 @@ def measure_web() -> None:
 
 
 if __name__ == "__main__":
-    commands = {"policies": measure_policies, "stable_baselines3": measure_adapter, "web": measure_web}
-    if len(sys.argv) != 2 or sys.argv[1] not in commands:
-        sys.exit(__doc__)
-    commands[sys.argv[1]]()
+    run_named(__doc__, {"policies": measure_policies, "stable_baselines3": measure_adapter, "web": measure_web})

@@ -16,7 +16,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args
 
 import gymnasium
 import msgspec
@@ -47,16 +47,7 @@ from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS as DRAWER_INSTRUCTIONS
 from kitchen_suite.tasks.variations import appearance, distributions
 from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, Choice, Distribution
-from kitchen_suite.training.hyperparameters import (
-    FlowHyperparameters,
-    Hyperparameters,
-    IDQLHyperparameters,
-    ImitationHyperparameters,
-    IQLHyperparameters,
-    OfflineHyperparameters,
-    TD3BCHyperparameters,
-    TokenHyperparameters,
-)
+from kitchen_suite.training.recipes import BCHyperparameters, PPOHyperparameters
 
 DOCS = Path(__file__).resolve().parent.parent
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -663,15 +654,15 @@ def _vector(texts: Sequence[str]) -> str:
 
 def hyperparameter_table() -> str:
     """Returns the table of the hyperparameters with their defaults."""
-    meanings = attributes(Hyperparameters)
-    defaults = {domain: Hyperparameters.defaults(domain) for domain in suite.DOMAINS}
+    meanings = attributes(PPOHyperparameters)
+    defaults = {domain: PPOHyperparameters.defaults(domain) for domain in suite.DOMAINS}
     rows = [
         (
             f"`{each.name}`",
             meanings[each.name],
             *(format_value(getattr(values, each.name)) for values in defaults.values()),
         )
-        for each in dataclasses.fields(Hyperparameters)
+        for each in dataclasses.fields(PPOHyperparameters)
     ]
     return markdown(("name", "meaning", *(f"`{domain}`" for domain in defaults)), rows)
 
@@ -685,22 +676,6 @@ def format_value(value: object) -> str:
     if len(set(value)) == 1 and len(value) > 2:
         return f"{len(value)} times {value[0]:g}"
     return ", ".join(f"{part:g}" for part in value)
-
-
-# Classes of hyperparameters by algorithm; the first has those that all have.
-_IMITATION: dict[str, type[ImitationHyperparameters]] = {
-    "bc": ImitationHyperparameters,
-    "flow": FlowHyperparameters,
-    "vqbet": TokenHyperparameters,
-}
-
-
-_OFFLINE: dict[str, type[OfflineHyperparameters]] = {
-    "offline_bc": OfflineHyperparameters,
-    "iql": IQLHyperparameters,
-    "idql": IDQLHyperparameters,
-    "td3bc": TD3BCHyperparameters,
-}
 
 
 def preset_table() -> str:
@@ -717,17 +692,13 @@ def _preset_arguments(preset: Any) -> str:
     return ", ".join(f"`{name}`: {value}" for name, value in preset.get("task_kwargs", {}).items())
 
 
-def learner_table(configs: Mapping[str, Any]) -> str:
-    """Returns the table of the hyperparameters of algorithms, by name, with their defaults."""
-    defaults = {name: each() for name, each in configs.items()}
-    classes = {base for each in configs.values() for base in each.__mro__[:-1]}
-    meanings = {name: text for each in classes for name, text in attributes(each).items()}
-    names = dict.fromkeys(name for each in configs.values() for name in get_type_hints(each))
+def cloning_table() -> str:
+    """Returns the table of the hyperparameters of behaviour cloning with their defaults."""
+    meanings = attributes(BCHyperparameters)
     rows = [
-        (f"`{name}`", meanings[name], *(f"{getattr(config, name, '')}" for config in defaults.values()))
-        for name in names
+        (f"`{each.name}`", meanings[each.name], f"{each.default}") for each in dataclasses.fields(BCHyperparameters)
     ]
-    return markdown(("name", "meaning", *(f"`{name}`" for name in defaults)), rows)
+    return markdown(("name", "meaning", "default"), rows)
 
 
 # Conditions whose arguments are shown; of more, their number.
@@ -815,8 +786,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "entity_joints": joint_table,
     "distributions": distribution_table,
     "hyperparameters": hyperparameter_table,
-    "imitation_hyperparameters": functools.partial(learner_table, _IMITATION),
-    "offline_hyperparameters": functools.partial(learner_table, _OFFLINE),
+    "imitation_hyperparameters": cloning_table,
     "presets": preset_table,
     "protocols": protocol_table,
     "protocol_differences": protocol_differences,

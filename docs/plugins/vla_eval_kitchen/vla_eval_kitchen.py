@@ -13,8 +13,7 @@ from vla_eval.specs import IMAGE_RGB, LANGUAGE, DimSpec
 from vla_eval.types import Action, EpisodeResult, Observation, Task
 
 from kitchen_suite import checks, suite
-from kitchen_suite.datasets.formats import LEROBOT
-from kitchen_suite.datasets.lerobot import AGENT_POS, ENVIRONMENT_STATE, PIXELS, LeRobotObservations
+from kitchen_suite.datasets.lerobot import AGENT_POS, ENVIRONMENT_STATE, OBS_TYPES, PIXELS, LeRobotObservations
 from kitchen_suite.episodes.spec import EnvironmentSpec, reset_to_seed
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 
@@ -74,7 +73,7 @@ class KitchenSuiteBenchmark(StepBenchmark):
         self._seed = checks.integer(seed, "seed", minimum=0)
         self._sends_suite_observation = checks.boolean(suite_observation, SUITE_OBSERVATION)
         names = suite.find_domain(domain_name).tasks if tasks is None else checks.unique_names(tasks, "tasks")
-        task_kwargs = {"obs_type": LEROBOT.obs_types[0], **(task_kwargs or {})}
+        task_kwargs = {"obs_type": OBS_TYPES[0], **(task_kwargs or {})}
         self._specs = {
             name: EnvironmentSpec.make(domain_name, name, task_kwargs, max_episode_steps) for name in map(str, names)
         }

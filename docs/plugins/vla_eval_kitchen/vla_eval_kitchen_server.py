@@ -42,12 +42,10 @@ class SuitePolicyServer(PredictModelServer):
           **kwargs: of `PredictModelServer`.
 
         Raises:
-          ValueError: the policy does not exist, or a person plays it.
+          ValueError: the policy does not exist.
         """
         super().__init__(**kwargs)
         self._policy_of = policies.find(policy)
-        if policies.player_of(policy):
-            raise ValueError(f"policy {policy!r} is played by a person, which a server cannot ask: choose another one")
         self._policies: dict[str, policies.Policy] = {}
 
     async def on_episode_start(self, config: dict[str, Any], ctx: SessionContext) -> None:

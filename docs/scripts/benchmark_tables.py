@@ -1,0 +1,1 @@
+../experiments/benchmark_tables.py
