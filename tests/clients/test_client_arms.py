@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import experts, suite
-from kitchen_suite.commands.commands import COMMANDS
+from kitchen_suite.commands import find
 
 pytestmark = pytest.mark.clients
 
@@ -78,7 +78,7 @@ def test_episodes_are_recorded_replayed_and_evaluated(robot, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     arguments = json.dumps({"robot": robot, "control_mode": "ee_delta_pose"})
     common = ["--domain_name=kitchen", "--task_name=kettle", "--policy=expert", f"--task_kwargs={arguments}"]
-    assert COMMANDS["record"].main([*common, "--num_episodes=2", "--output=episodes"]) == 0
-    assert COMMANDS["replay"].main(["episodes"]) == 0
-    assert COMMANDS["evaluate"].main([*common, "--protocol=default", "--num_episodes=2", "--output=result"]) == 0
+    assert find("record").main([*common, "--num_episodes=2", "--output=episodes"]) == 0
+    assert find("replay").main(["episodes"]) == 0
+    assert find("evaluate").main([*common, "--protocol=default", "--num_episodes=2", "--output=result"]) == 0
     assert re.search(r"^kettle +100\.0 %", capsys.readouterr().out, re.MULTILINE)

@@ -1,4 +1,4 @@
-"""LeRobot itself: types of environments, datasets written and read, and their replay. Needs the extra `lerobot`."""
+"""LeRobot itself: types of environments, and datasets written and read. Needs the extra `lerobot`."""
 
 import contextlib
 import json
@@ -14,14 +14,18 @@ import pytest
 from helpers.episodes import load_episode
 from helpers.errors import refused
 
-from kitchen_suite.commands.commands import record, replay
+from kitchen_suite.commands import convert, record
+from kitchen_suite.datasets.lerobot import LeRobotObservations
+from kitchen_suite.episodes.recording import Recording
+from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.suite import DOMAINS
 
 pytestmark = pytest.mark.lerobot
 
 ROOT = Path("data/me/kettle")
 RECORD = ["--num_threads=1", "--output=runs", "--num_envs=2", "--seed=5", "--max_episode_steps=5", "--num_episodes=3"]
-DATASET = ["--format=lerobot", "--dataset=me/kettle", "--data_path=data"]
+DATASET = ["runs", "--format=lerobot", "--dataset=me/kettle", "--data_path=data"]
+STATES = "--obs_type=environment_state_agent_pos"
 PICTURES = '"obs_type": "pixels_agent_pos", "image_size": [32, 40], "render_quality": "fast"'
 
 
@@ -40,9 +44,10 @@ def run(capsys, tmp_path, monkeypatch):
 @pytest.fixture
 def kettle(run):
     """A dataset of three kettles; returns `run`."""
-    status, out, err = run(record, *RECORD, *DATASET, "--task_name=kettle")
+    assert run(record, *RECORD, STATES, "--task_name=kettle")[0] == 0
+    status, out, err = run(convert, *DATASET)
     assert (status, err) == (0, "")
-    assert out.endswith(f"\ndataset me/kettle in {os.getcwd()}/{ROOT}\n")
+    assert out == f"dataset me/kettle of runs in {os.getcwd()}/{ROOT}\n"
     return run
 
 
@@ -164,72 +169,36 @@ CASES = {
     "arguments",
     [pytest.param(case, marks=pytest.mark.rendering if "pic" in name else (), id=name) for name, case in CASES.items()],
 )
-def test_episodes_of_a_dataset_replay_to_the_bit(run, arguments):
-    status, _, err = run(record, *RECORD, *DATASET, *arguments)
+def test_a_dataset_holds_the_columns_of_every_episode(run, arguments):
+    obs_type = [] if any("obs_type" in argument for argument in arguments) else [STATES]
+    assert run(record, *RECORD, *obs_type, *arguments)[0] == 0
+    status, _, err = run(convert, *DATASET)
     assert (status, err) == (0, "")
-    status, out, err = run(replay, str(ROOT), "--episodes=all")
-    assert (status, err) == (0, "")
-    assert out.endswith("3 of 3 episodes are equal\n")
-
-
-def test_a_dataset_is_found_by_its_name(kettle, monkeypatch):
-    assert kettle(replay, "me/kettle", "--data_path=data")[0] == 0
-    monkeypatch.setenv("HF_LEROBOT_HOME", os.path.abspath("data"))
-    assert kettle(replay, "me/kettle")[0] == 0
-
-
-def test_a_replay_notices_a_digit_that_the_columns_do_not_hold(kettle):
-    path = ROOT / "meta/kitchen_suite.json"
-    record_file = json.loads(path.read_text())
-    sha256 = record_file["episodes"][1]["sha256"]
-    record_file["episodes"][1]["sha256"] = ("0" if sha256[0] != "0" else "1") + sha256[1:]
-    path.write_text(json.dumps(record_file))
-    status, out, _ = kettle(replay, str(ROOT), "--episodes=all")
-    assert status == 1
-    assert out.endswith("2 of 3 episodes are equal\n")
-
-
-def test_a_replay_notices_a_changed_number_of_a_column(kettle):
-    import pyarrow.parquet
-
-    path = ROOT / "data/chunk-000/file-000.parquet"
-    table = pyarrow.parquet.read_table(path)
-    rewards = table["next.reward"].to_pylist()
-    rewards[7] += 0.5
-    column = pyarrow.array(rewards, table.schema.field("next.reward").type)
-    at = table.schema.get_field_index("next.reward")
-    pyarrow.parquet.write_table(table.set_column(at, table.schema.field(at), column), path)
-    status, out, _ = kettle(replay, str(ROOT), "--episodes=all")
-    assert status == 1
-    assert "differ at 3" in out
-    assert out.endswith("2 of 3 episodes are equal\n")
-
-
-def test_damaged_datasets_get_one_line(kettle):
-    (ROOT / "data/chunk-000/file-000.parquet").write_bytes(b"PAR1")
-    status, out, err = kettle(replay, str(ROOT))
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert "a LeRobot dataset" in err
-    (ROOT / "meta/kitchen_suite.json").write_text('{"recording": 3}')
-    status, out, err = kettle(replay, str(ROOT))
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert "does not describe a recording" in err
+    dataset, recording = load(), Recording.open(Path("runs"))
+    rows = dataset.hf_dataset.with_format("numpy")
+    with contextlib.closing(recording.spec.make_environment()) as environment:
+        observations = LeRobotObservations(suite_env(environment))
+        for index in recording.indices:
+            bounds = dataset.meta.episodes[index]
+            found = rows[bounds["dataset_from_index"] : bounds["dataset_to_index"]]
+            for name, expected in observations.columns(recording.load(index)).items():
+                np.testing.assert_array_equal(np.asarray(found[name]).reshape(expected.shape), expected, name)
+    about = json.loads((ROOT / "meta/kitchen_suite.json").read_text())
+    assert about["recording"] == recording.spec.as_json()
+    assert [episode["seed"] for episode in about["episodes"]] == [5, 6, 7]
 
 
 def test_a_dataset_that_is_there_is_never_touched(kettle):
     before = {path: path.stat().st_mtime_ns for path in ROOT.rglob("*")}
-    assert kettle(record, *RECORD, *DATASET, "--task_name=kettle")[0] == 0
-    for arguments, message in {
-        ("--num_episodes=4",): "exists and is of the first 3 episodes of this recording, not of 4: name another one",
-        ("--output=others", "--seed=6"): "dataset 'me/kettle' exists and holds another recording",
-        ("--dataset=kettle",): "'kettle' is no name of a LeRobot dataset, such as me/kettle",
-        ("--dataset=me/../kettle",): "is no name of a LeRobot dataset",
+    for dataset, message in {
+        "me/kettle": "exists already, and is never replaced",
+        "kettle": "'kettle' is no name of a dataset, such as me/kettle",
+        "me/../kettle": "is no name of a dataset",
     }.items():
-        status, out, err = kettle(record, *RECORD, *DATASET, "--task_name=kettle", *arguments)
+        status, out, err = kettle(convert, *DATASET, f"--dataset={dataset}")
         assert (status, out, err.count("\n")) == (2, "", 1)
         assert message in err
     assert {path: path.stat().st_mtime_ns for path in ROOT.rglob("*")} == before
-    assert not os.path.exists("others")
 
 
 def test_an_interrupt_leaves_no_dataset_and_the_same_command_makes_it(run, monkeypatch):
@@ -238,12 +207,12 @@ def test_an_interrupt_leaves_no_dataset_and_the_same_command_makes_it(run, monke
     def interrupt(self):
         raise KeyboardInterrupt
 
+    assert run(record, *RECORD, STATES, "--task_name=kettle")[0] == 0
     with monkeypatch.context() as patch:
         patch.setattr(LeRobotDataset, "save_episode", interrupt)
-        assert run(record, *RECORD, *DATASET, "--task_name=kettle")[0] == 130
+        assert run(convert, *DATASET)[0] == 130
     assert os.listdir("data/me") == []
-    monkeypatch.setattr("kitchen_suite.episodes.spec.EpisodeSpec.make_vector_env", None)  # Nothing is played again.
-    assert run(record, *RECORD, *DATASET, "--task_name=kettle")[0] == 0
+    assert run(convert, *DATASET)[0] == 0
     assert load().num_episodes == 3
 
 

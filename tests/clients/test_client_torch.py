@@ -34,8 +34,8 @@ STEPS = {
         "assert vector.reset(seed=0)[0].std() > 5\n"
     ),
     "video": (
-        "from kitchen_suite.commands import commands\n"
-        "assert commands.rollout.main(\n"
+        "from kitchen_suite.commands import rollout\n"
+        "assert rollout.main(\n"
         "    ['--domain_name=open_cabinet', '--num_episodes=1', '--max_episode_steps=3', '--video=film.mp4']\n"
         ") == 0\n"
     ),
@@ -107,11 +107,11 @@ def test_a_program_makes_trains_films_and_evaluates_in_any_order_of_imports(orde
 
 def test_kitchen_train_films_beside_its_training(tmp_path):
     code = (
-        "from kitchen_suite.commands import commands\n"
+        "from kitchen_suite.commands import train\n"
         'small = \'{"num_envs": 4, "rollouts": 16, "hidden": [8], "mini_batches": 2, "learning_epochs": 2}\'\n'
         "flags = ['--domain_name=open_cabinet', '--task_name=top_drawer', '--num_steps=64', '--eval_interval=64']\n"
         "flags += ['--eval_episodes=1', '--hyperparameters=' + small, '--output=run', '--video=film.mp4']\n"
-        "raise SystemExit(commands.train.main(flags))\n"
+        "raise SystemExit(train.main(flags))\n"
     )
     status, _, err = run(code, folder=tmp_path)
     assert status == 0, err

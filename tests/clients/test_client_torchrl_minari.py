@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kitchen_suite.environment  # noqa: F401  chooses a GL library, which a command without pictures does not
-from kitchen_suite.commands.commands import record
+from kitchen_suite.commands import convert, record
 
 pytestmark = pytest.mark.clients
 
@@ -36,7 +36,8 @@ def dataset(request, tmp_path, monkeypatch):
 
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
     length = ("--max_episode_steps=4", f"--num_episodes={EPISODES}")
-    assert record.main([f"--output={tmp_path / 'runs'}", f"--dataset={ID}", *length, *request.param]) == 0
+    assert record.main([f"--output={tmp_path / 'runs'}", *length, *request.param]) == 0
+    assert convert.main([str(tmp_path / "runs"), f"--dataset={ID}"]) == 0
     return minari.load_dataset(ID)
 
 

@@ -8,8 +8,7 @@ import stand_ins
 from docs_blocks import ROOT
 from helpers.errors import refused
 
-from kitchen_suite import gymnasium_env, policies, suite
-from kitchen_suite.commands import command, commands
+from kitchen_suite import commands, gymnasium_env, policies, suite
 from kitchen_suite.datasets.formats import FORMATS
 
 DOCS = ROOT / "docs"
@@ -42,12 +41,12 @@ def test_arguments_and_control_modes_exist():
 
 def test_commands_flags_formats_and_policies_exist():
     spans = [shlex.split(span) for span in re.findall(r"`(kitchen-[^`]+)`", PAGE + LIST)]
-    known = {each.name: each for each in commands.COMMANDS.values()}
+    known = {f"kitchen-{name}": commands.find(name) for name in commands.NAMES}
     for name, *arguments in spans:
         assert name in {*known, "kitchen-suite"}
         if arguments:
             stand_ins.check_command(name, *arguments)
-    flags = {setting.name for each in known.values() for setting in command.settings_of(each.settings)}
+    flags = {flag for each in known.values() for flag in each.flags()}
     assert set(re.findall(r"--(\w+)", PAGE + LIST)) <= {*flags, "help"}
     ((_, *formats),) = [cells for _, cells in rows("task") if len(cells) > 2]
     assert {*formats} == {*FORMATS}

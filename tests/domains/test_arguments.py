@@ -11,7 +11,7 @@ from dm_env import specs
 from helpers.errors import refused
 
 from kitchen_suite import signatures, suite
-from kitchen_suite.commands.commands import rollout
+from kitchen_suite.commands import rollout
 from kitchen_suite.entities import build_microwave_table_scene
 from kitchen_suite.suite import DOMAINS
 from kitchen_suite.tasks import MicrowaveTableTask

@@ -12,12 +12,12 @@ from helpers.errors import refused
 from test_layers import MODULES
 
 from kitchen_suite import gymnasium_env, names, suite
-from kitchen_suite.commands.commands import benchmark, rollout
+from kitchen_suite.commands import rollout
 from kitchen_suite.entities import build_kitchen_scene, build_microwave_table_scene
 from kitchen_suite.gymnasium_env import FrankaMicrowaveTableEnv, SuiteEnv
 from kitchen_suite.policies import experts
 from kitchen_suite.tasks import GOALS, KitchenTask, MicrowaveTableTask
-from kitchen_suite.training.hyperparameters import Hyperparameters, Recipe
+from kitchen_suite.training.recipes import PPOHyperparameters, Recipe
 from kitchen_suite.vector_env import FrankaMicrowaveTableVectorEnv, SuiteVectorEnv
 
 # A record over the kitchen's classes, one of whose tasks has the name of one of the kitchen's.
@@ -30,7 +30,6 @@ OWN = dataclasses.replace(
     benchmark_tasks=("open_all",),
     training=f"{__name__}:RECIPE",
     evaluation=None,
-    benchmark=None,
 )
 RECIPE = Recipe(hyperparameters={"num_envs": 5})
 IDS = {"Mine/Pantry-v3", "Mine/PantryKettle-v3", "Mine/PantryOpenAll-v3"}
@@ -55,7 +54,7 @@ def test_a_registered_domain_is_in_every_table():
     assert gymnasium_env.IDS["pantry"] == "Mine/Pantry-v3"
     assert gymnasium_env.TASK_IDS["pantry", "open_all"] == "Mine/PantryOpenAll-v3"
     assert gymnasium.registry.keys() >= IDS
-    assert Hyperparameters.for_domain("pantry", {}) == Hyperparameters(num_envs=5)
+    assert PPOHyperparameters.for_domain("pantry", {}) == PPOHyperparameters(num_envs=5)
 
 
 @pytest.mark.usefixtures("registered")
@@ -67,13 +66,6 @@ def test_a_registered_domain_is_played_everywhere(capsys):
     np.testing.assert_array_equal(other["observation"][1], one["observation"])
     assert rollout.main(["--domain_name=pantry", "--task_name=kettle", "--max_episode_steps=3"]) == 0
     assert capsys.readouterr().out.startswith("pantry kettle, policy random")
-
-
-@pytest.mark.usefixtures("registered")
-def test_a_domain_without_benchmark_says_so(capsys):
-    assert benchmark.main(["--domain_name=pantry"]) == 2
-    expected = "kitchen-benchmark: domain 'pantry' has no benchmark; choose from ['kitchen', 'open_cabinet']\n"
-    assert capsys.readouterr().err == expected
 
 
 class GentleTask(MicrowaveTableTask):
@@ -246,8 +238,8 @@ def test_a_domain_without_hyperparameters_trains_on_the_range_of_its_actions():
     for domain, scale in (("kitchen", (1.0,) * 9), ("microwave_table", (*(0.01,) * 7, 2.0))):
         task = suite.load(domain, suite.default_task(domain), {"visuals": False}).task
         spec = task.mdp.action_mode.spec(task.robot)
-        assert Hyperparameters().for_actions(spec).action_scale == scale
-        assert Hyperparameters(action_scale=(0.5,)).for_actions(spec).action_scale == (0.5,)
+        assert PPOHyperparameters().for_actions(spec).action_scale == scale
+        assert PPOHyperparameters(action_scale=(0.5,)).for_actions(spec).action_scale == (0.5,)
 
 
 def test_a_task_outside_the_suite_has_no_expert():

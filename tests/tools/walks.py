@@ -36,7 +36,6 @@ RECORDING = (
     "--policy=random",
     "--num_episodes=2",
     "--max_episode_steps=20",
-    "--dataset=kitchen-suite/walk-v0",
 )
 # Folders of the package.
 SOURCES = ("entities", "tasks", "kitchen_suite")
@@ -160,10 +159,7 @@ def trace(tree: Path, name: str) -> Walk:
     if name in COMMANDS:
         vector_step()()
         with tempfile.TemporaryDirectory() as folder, tracer.tracing():
-            own = (f"--output={folder}/runs",)
-            if name == "recording":
-                own += (f"--data_path={folder}/datasets",)
-            trees.run_command(tree, *COMMANDS[name], *own)
+            trees.run_command(tree, *COMMANDS[name], f"--output={folder}/runs")
         return tracer.walk
     run = CALLS[name]()
     run()
