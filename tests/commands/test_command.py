@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from absl.flags import DEFINE_boolean, DEFINE_enum, DEFINE_integer, DEFINE_list
 from help_text import flag_lines
+from helpers.processes import heed_interrupts
 
 from kitchen_suite import checks
 from kitchen_suite.commands import flags
@@ -197,8 +198,7 @@ def run_process(run="return", arguments="--num_episodes=9", streams="", folder=N
         capture_output=True,
         text=True,
         timeout=60,
-        # A shell's background jobs ignore SIGINT, and hand that down to what they start.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=heed_interrupts,
     )
     return done.returncode, done.stdout, done.stderr
 

@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 import pytest
 from helpers.episodes import assert_same_arrays, left_behind
 from helpers.episodes import load_episode as load
+from helpers.processes import open_process
 from helpers.sweeps import brief
 
 from kitchen_suite import files, policies
@@ -264,13 +264,8 @@ def test_a_complete_recording_is_left_alone(run):
 
 def started(folder, *arguments):
     """Starts the command as a process; returns it once it has written three episodes of many."""
-    process = subprocess.Popen(
-        [*COMMAND, f"--output={folder}", "--num_episodes=100000", "--num_envs=3", "--num_threads=1", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        # A shell's background jobs ignore SIGINT, and hand that down to what they start.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    process = open_process(
+        [*COMMAND, f"--output={folder}", "--num_episodes=100000", "--num_envs=3", "--num_threads=1", *arguments]
     )
     while len(list(folder.glob("episode_*.npz"))) < 3:
         assert process.poll() is None

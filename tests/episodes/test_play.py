@@ -13,6 +13,7 @@ import imageio.v2 as imageio
 import numpy as np
 import pytest
 from dm_control.rl import control
+from helpers.processes import open_process
 
 from kitchen_suite import checks
 from kitchen_suite.commands import play, rollout
@@ -329,7 +330,7 @@ assert "dm_control._render.glfw_renderer" not in sys.modules
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_gets_one_line_and_the_summary(tmp_path, number):
     write_policy(tmp_path / "policy.npz")
-    with subprocess.Popen(
+    with open_process(
         [
             *COMMAND,
             f"--policy_file={tmp_path / 'policy.npz'}",
@@ -337,11 +338,6 @@ def test_a_signal_gets_one_line_and_the_summary(tmp_path, number):
             "--num_episodes=100000",
             "--max_episode_steps=10",
         ],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        # A shell's background jobs ignore SIGINT, and hand that down to what they start.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         while not re.match(r" +2 ", process.stdout.readline()):
             assert process.poll() is None

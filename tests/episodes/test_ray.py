@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.processes import open_process
 
 import kitchen_suite
 from kitchen_suite.commands import evaluate, record, rollout
@@ -186,15 +187,11 @@ def test_an_error_of_a_policy_in_a_worker_is_reported_in_one_line(run, command):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_keeps_the_finished_episodes_and_leaves_no_process(run, tmp_path, number):
-    process = subprocess.Popen(
+    process = open_process(
         [sys.executable, "-m", "kitchen_suite", "record", "--output=runs", WORKERS, "--num_episodes=2000", SHORT],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
         env={**os.environ, "KITCHEN_SUITE_TEST": str(tmp_path)},
-        # As Ctrl-C does, the signal goes to a whole group of processes; a shell's background jobs ignore SIGINT.
+        # As Ctrl-C does, the signal goes to a whole group of processes.
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     while len(list(tmp_path.glob("runs/episode_*.npz"))) < 3:
         assert process.poll() is None

@@ -13,6 +13,7 @@ import pytest
 from absl import flags
 from dm_control.rl import control
 from helpers.episodes import assert_same_arrays, load_episode, nested
+from helpers.processes import open_process
 from helpers.sweeps import brief
 
 from kitchen_suite import checks, suite
@@ -481,14 +482,7 @@ def test_a_reader_that_leaves_sees_no_traceback():
 
 @pytest.mark.parametrize("number", brief([signal.SIGINT, signal.SIGTERM], kept=[signal.SIGINT]))
 def test_a_signal_keeps_the_finished_episodes(tmp_path, number):
-    with subprocess.Popen(
-        [*COMMAND, "--num_episodes=100000", f"--output={tmp_path}", *SHORT],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        # A shell's background jobs ignore SIGINT, and hand that down to what they start.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    ) as process:
+    with open_process([*COMMAND, "--num_episodes=100000", f"--output={tmp_path}", *SHORT]) as process:
         while not re.match(r" +2 ", process.stdout.readline()):
             assert process.poll() is None
         process.send_signal(number)

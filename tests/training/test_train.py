@@ -7,12 +7,12 @@ import os
 import re
 import resource
 import signal
-import subprocess
 import sys
 
 import numpy as np
 import pytest
 from help_text import flag_lines
+from helpers.processes import open_process
 
 from kitchen_suite import checks
 from kitchen_suite.commands import play, train
@@ -467,14 +467,7 @@ def test_without_ffmpeg_a_video_is_refused_before_the_training(run, monkeypatch)
 @clients
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_after_a_signal_the_run_can_be_resumed(run, tmp_path, number):
-    with subprocess.Popen(
-        [*COMMAND, *TINY, f"--output={tmp_path / 'run'}", "--num_steps=1000000000"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        # A shell's background jobs ignore SIGINT, and so do the processes that they start.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    ) as process:
+    with open_process([*COMMAND, *TINY, f"--output={tmp_path / 'run'}", "--num_steps=1000000000"]) as process:
         while not rows(process.stdout.readline())[-1:] > [(0, 0)]:
             assert process.poll() is None
         process.send_signal(number)

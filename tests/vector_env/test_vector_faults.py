@@ -13,6 +13,7 @@ from dm_control.rl import control
 from gymnasium.utils.env_checker import data_equivalence
 from helpers.errors import refused
 from helpers.open_cabinet import VARIED
+from helpers.processes import open_process
 from helpers.sweeps import brief
 from helpers.vectors import batch
 from mujoco.batch import SimulationError
@@ -246,14 +247,7 @@ except KeyboardInterrupt:
 
 
 def test_a_real_interrupt_ends_a_loop_of_steps_and_the_environments_work_on():
-    process = subprocess.Popen(
-        [sys.executable, "-c", LOOP],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        # A shell's background jobs ignore SIGINT, and their child processes inherit that.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
+    process = open_process([sys.executable, "-c", LOOP])
     try:
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGINT)
