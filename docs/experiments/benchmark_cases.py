@@ -1,4 +1,4 @@
-"""What benchmarks measure: simulations and environments of each domain, which run one episode with given actions.
+"""Cases of the benchmarks: simulations and environments of each domain, which run one episode with given actions.
 
 The kitchen is compared with Gymnasium-Robotics and, where it is installed, with EnvPool.
 """

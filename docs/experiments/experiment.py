@@ -1,4 +1,4 @@
-"""What the experiments share: episodes, rows that are measured once, processes, and command lines."""
+"""Shared parts of the experiments: episodes, rows that are measured once, processes, and command lines."""
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 

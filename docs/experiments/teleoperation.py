@@ -333,7 +333,9 @@ from kitchen_suite.commands import view
 
 
 def serve(path):
-    arrived, accepts, update = [], LivePage.accepts, Stage.update
+    arrived = []
+    accepts = LivePage.accepts
+    update = Stage.update
 
     def accept(self, event):
         arrived.append(time.time())
@@ -346,7 +348,8 @@ def serve(path):
             while arrived:
                 file.write(f"{arrived.pop(0)} {time.time()}\\n")
 
-    LivePage.accepts, Stage.update = accept, show
+    LivePage.accepts = accept
+    Stage.update = show
     sys.exit(view.main(sys.argv[1:]))
 """
 

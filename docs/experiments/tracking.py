@@ -20,8 +20,9 @@ LINE_MODES = HOLDING_MODES[1:]
 LINE_LENGTH = 0.15
 LINE_SPEED = 0.125
 
-# Control steps in which the arm settles after a reset; at rest before a line; at rest after it.
-SETTLE_STEPS, PAUSE_STEPS, REST_STEPS = 4, 20, 5
+SETTLE_STEPS = 4  # Control steps in which the arm settles after a reset.
+PAUSE_STEPS = 20  # Control steps at rest before a line.
+REST_STEPS = 5  # Control steps at rest after a line.
 
 OPEN_GRIPPER = -1.0
 
@@ -92,7 +93,9 @@ def drift(environment: Environment, control_mode: str, steps: int) -> tuple[floa
       control_mode: its control mode, one of `HOLDING_MODES`.
       steps: control steps.
     """
-    action, distance, turn = holding_action(environment, control_mode), 0.0, 0.0
+    action = holding_action(environment, control_mode)
+    distance = 0.0
+    turn = 0.0
     for _ in range(SETTLE_STEPS):
         environment.step(action)
     position, orientation = end_effector_pose(environment)

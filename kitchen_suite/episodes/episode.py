@@ -57,7 +57,7 @@ _LAYOUT = {
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Summary:
-    """What an episode came to.
+    """The length, return and metrics of an episode.
 
     Attributes:
       seed: of the environment's reset; None if unknown.

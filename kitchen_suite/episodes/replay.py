@@ -26,7 +26,7 @@ from kitchen_suite.tasks.task import SuiteTask
 
 
 class Verdict(enum.IntEnum):
-    """What a replay found; the values are exit statuses of `kitchen-replay`."""
+    """The result of a replay; the values are exit statuses of `kitchen-replay`."""
 
     EQUAL = 0
     """All numbers are equal to the bit."""

@@ -142,12 +142,23 @@ def evaluate(
         raise ValueError(f"{output} has episodes without actions, so that no receipt can be written")
     if verbose:
         print_line(tables.format_heading(plan))
-    player = _Player(reference, plan, folder, num_envs, num_threads, cluster, recorded=receipt is not None)
     results = {}
     successes = sum(result.success for result in folder.results.values())
     with EpisodeBar(len(_seeds(plan)), len(folder.results), successes) as bar:
         for name, spec in plan.specs.items():
-            results[name] = player.play(name, bar)
+            if waiting := _missing(plan, folder, name):
+                recorded = receipt is not None
+                if cluster is None:
+                    played = _results(waiting, name, plan, reference, num_envs, num_threads, recorded)
+                else:
+                    threads = num_threads or 1
+                    arguments = (name, plan, reference, num_envs, threads, recorded)
+                    played = cluster.run(_play_part, arguments, waiting, num_cpus=threads)
+                with contextlib.closing(played):
+                    for result in played:
+                        folder.add(result)
+                        bar.count(result.success)
+            results[name] = [folder.results[name, index] for index in range(plan.num_episodes)]
             if verbose:
                 scores = score_episodes(results[name], plan.score)
                 print_line(f"\n{tables.format_scores(name, spec.task_name, plan.num_episodes, scores)}")
@@ -173,35 +184,10 @@ def _open_folder(plan: EvaluationPlan, output: Path | None, resume: bool) -> Eva
     return EvaluationFolder.create(output, plan.description)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Player:
-    """Plays the episodes of an evaluation that are not yet in its folder; see `evaluate`."""
-
-    policy: PolicyRef
-    plan: EvaluationPlan
-    folder: EvaluationFolder
-    num_envs: int
-    num_threads: int | None
-    cluster: Cluster | None
-    recorded: bool
-
-    def play(self, name: str, bar: EpisodeBar) -> list[EpisodeResult]:
-        """Plays the episodes of a condition; returns the results of all its episodes, in order."""
-        plan = self.plan
-        missing = [index for index in range(plan.num_episodes) if (name, index) not in self.folder.results]
-        waiting = [(index, plan.specs[name].seed + index) for index in missing]
-        if waiting:
-            with contextlib.closing(self._results(name, waiting)) as results:
-                for result in results:
-                    self.folder.add(result)
-                    bar.count(result.success)
-        return [self.folder.results[name, index] for index in range(plan.num_episodes)]
-
-    def _results(self, name: str, waiting: list[tuple[int, int]]) -> Generator[EpisodeResult, None, None]:
-        arguments = (name, self.plan, self.policy, self.num_envs, self.num_threads or 1, self.recorded)
-        if self.cluster is not None:
-            return self.cluster.run(_play_part, arguments, waiting, num_cpus=self.num_threads or 1)
-        return _results(waiting, name, self.plan, self.policy, self.num_envs, self.num_threads, self.recorded)
+def _missing(plan: EvaluationPlan, folder: EvaluationFolder, name: str) -> list[tuple[int, int]]:
+    """Returns the number and seed of each episode of a condition whose result is not in the folder."""
+    seed = plan.specs[name].seed
+    return [(index, seed + index) for index in range(plan.num_episodes) if (name, index) not in folder.results]
 
 
 def _results(

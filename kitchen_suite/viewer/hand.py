@@ -1,4 +1,4 @@
-"""What moves the hand in a page: buttons and keys, arrows and a ball to drag."""
+"""The controls that move the hand in a page: buttons and keys, arrows and a ball to drag."""
 
 import functools
 import math

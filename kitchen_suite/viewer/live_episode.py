@@ -21,7 +21,7 @@ class Choice:
 
     Attributes:
       variations: that vary, as the argument of that name; None for that of `task_kwargs`.
-      variation_split: as the argument of that name; None likewise.
+      variation_split: of the variations, as the argument of that name; None for that of `task_kwargs`.
       policy: name of the policy; None for none.
       max_episode_steps: control steps after which an episode is truncated; None for the default.
     """

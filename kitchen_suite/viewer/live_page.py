@@ -12,7 +12,7 @@ from kitchen_suite.viewer.scene import set_camera
 _NOTICE = 6.0  # Time that a browser shows a text [s].
 
 Command = Callable[[], None]
-"""What is to be done; called by the program that shows the page, in its own thread."""
+"""Something to do for an event; called by the program that shows the page, in its own thread."""
 
 
 class LivePage:

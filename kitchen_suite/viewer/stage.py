@@ -1,4 +1,4 @@
-"""What a live page shows of a model: its scene, the hand to be moved in it, and the image of a camera beside it."""
+"""A model as a live page shows it: its scene, the hand to be moved in it, and the image of a camera beside it."""
 
 import time
 
