@@ -1,7 +1,6 @@
 """Training in environments that vary."""
 
 import pytest
-from test_training_kwargs import prepared  # noqa: F401
 
 pytestmark = pytest.mark.clients
 
@@ -9,7 +8,7 @@ pytestmark = pytest.mark.clients
 @pytest.mark.parametrize(
     "flags", [["--variations=start,dynamics", "--variation_split=held_out"], []], ids=["on", "off"]
 )
-def test_training_is_in_environments_that_vary(flags, prepared):  # noqa: F811
+def test_training_is_in_environments_that_vary(flags, prepared):
     training, run = prepared(*flags)
     # Without flags, those that are evaluated in do not vary, and of those that are trained in the drawers alone.
     _, info = run.evaluation_environments.reset(seed=0)
