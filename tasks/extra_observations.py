@@ -7,6 +7,7 @@ import numpy as np
 from dm_control.composer.observation import observable
 
 from kitchen_suite import checks
+from kitchen_suite.tasks.observables import Computed
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation
 from kitchen_suite.types import Array
@@ -53,7 +54,7 @@ class ExtraObservations:
         """Returns an enabled composer observable for each that agents observe, given what reads their values."""
 
         def shown(name: str) -> observable.Observable:
-            part = observable.Generic(lambda physics: self.shown(measured(), name))
+            part = Computed(lambda: self.shown(measured(), name))
             part.enabled = True
             return part
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
@@ -83,6 +83,21 @@ def offered(scene: Scene) -> dict[str, ExtraObservable]:
     return {**of_robot, **of_handles, **poses}
 
 
+class Computed(observable.Observable):
+    """A quantity that a function without arguments returns.
+
+    `observable.Generic` hands the function a physics, by a further call in every step.
+    """
+
+    def __init__(self, read: Callable[[], ArrayLike]) -> None:
+        """Stores the function, which is called once a step and once a reset."""
+        super().__init__(update_interval=1, buffer_size=None, delay=None, aggregator=None, corruptor=None)
+        self._read = read
+
+    def _callable(self, physics: mjcf.Physics) -> Callable[[], ArrayLike]:
+        return self._read
+
+
 def joined(*parts: Mapping[str, observable.Observable]) -> dict[str, observable.Observable]:
     """Returns observables by key, in order; a ValueError where two have the same key."""
     keys = [key for part in parts for key in part]
@@ -152,7 +167,7 @@ class ExtraObservables:
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
             (
                 name,
-                observable.Generic(lambda physics, name=name: self._part(name, self._sensors.read(self._simulation))),
+                Computed(lambda name=name: self._part(name, self._sensors.read(self._simulation))),  # type: ignore[misc]
             )
             for name in wanted
         )

@@ -3,7 +3,6 @@
 import abc
 import collections
 import dataclasses
-import functools
 import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
@@ -26,7 +25,7 @@ from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper, sensing_
 from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
 from kitchen_suite.tasks.goals import checked_instructions
 from kitchen_suite.tasks.mdp import MDP
-from kitchen_suite.tasks.observables import GOAL_PIXELS, ExtraObservables, Pictures, joined
+from kitchen_suite.tasks.observables import GOAL_PIXELS, Computed, ExtraObservables, Pictures, joined
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PARAMETERS, Pusher
 from kitchen_suite.tasks.records import Completions, Metrics, Records
@@ -207,7 +206,7 @@ class SuiteTask(composer.Task):
                 )
             state[key] = entities[key] if key in entities else self._observable(term)
             if key in self.mdp.noisy_observations:
-                state[key].corruptor = functools.partial(self._corrupted, key)
+                state[key].corruptor = self._noise(key)
         goals = {
             f"{key}/{name}": self._goal_observable(term, part)
             for key, term in self.mdp.goal_observations.items()
@@ -226,20 +225,21 @@ class SuiteTask(composer.Task):
         """Returns an observable of a term of the MDP."""
         read = term.read
         # Read in every step: a property would take as long again.
-        return observable.Generic(lambda physics: read(self.simulation, self.episode.mdp_state))
+        return Computed(lambda: read(self.simulation, self.episode.mdp_state))
 
     def _goal_observable(self, term: Observation, part: slice) -> observable.Observable:
         """Returns an observable of the elements of one goal in a term of the MDP."""
         read = term.read
-        return observable.Generic(lambda physics: np.asarray(read(self.simulation, self.episode.mdp_state))[part])
+        return Computed(lambda: read(self.simulation, self.episode.mdp_state)[part])  # type: ignore[index]
 
     def _goal_picture(self, place: int) -> observable.Observable:
         """Returns an observable of the picture of the goal by one of the cameras."""
-        return observable.Generic(lambda physics: self.mdp.goal_pictures(self.state)[place])
+        return Computed(lambda: self.mdp.goal_pictures(self.state)[place])
 
-    def _corrupted(self, key: str, clean: Array, random_state: np.random.RandomState) -> ArrayLike:
-        """Returns one of the MDP's observations with the noise that the state holds, as a corruptor."""
-        return self.mdp.corrupted(key, clean, self.state)
+    def _noise(self, key: str) -> Callable[..., ArrayLike]:
+        """Returns a corruptor that adds the noise that the state holds to one of the MDP's observations."""
+        corrupted = self.mdp.corrupted
+        return lambda clean, random_state=None: corrupted(key, clean, self.episode.mdp_state)
 
     def vary(self, *, handles: Sequence[mjcf.Element], parameters: Sequence[Parameter] = (), **arguments: Any) -> None:
         """Selects the parameters that vary; to be called once, before the scene is compiled.

@@ -1,6 +1,5 @@
 """Edits that a user makes of an environment's MJCF or compiled model, found by comparison."""
 
-import operator
 from typing import Any
 
 import mujoco
@@ -17,35 +16,25 @@ _OPTION = "opt."
 
 
 class MjcfSnapshot:
-    """The values of all attributes in a tree of MJCF elements, with which the present ones are compared.
-
-    MJCF elements do not tell whether they have changed, and writing the tree as XML takes a hundred times as long.
-    """
+    """The edits that a tree of MJCF elements had seen at some time, to find later ones."""
 
     def __init__(self, root: mjcf.RootElement) -> None:
-        """Stores the values in a model and everything that is attached to it."""
-        self._elements = _descendants(root)
-        self._attributes = [each for element in self._elements for each in element._attributes.values()]  # noqa: SLF001
-        # The root has a fixed set of children.
-        self._children = [element._children for element in self._elements if element.tag != "mujoco"]  # noqa: SLF001
-        self._values = self._present_values()
-        self._arrays = [value for value in self._values if isinstance(value, np.ndarray)]
-        self._contents = self._present_contents()
+        """Looks at a model and everything that is attached to it."""
+        elements = _descendants(root)
+        # dm_control counts what is set, added and removed in each of the models that are attached to one another.
+        self._models = [*dict.fromkeys(element.namescope for element in elements)]
+        self._revisions = self._present_revisions()
+        # Arrays can be written to as well.
+        values = [value for element in elements for value in element.get_attributes().values()]
+        self._arrays = [value for value in values if isinstance(value, np.ndarray)]
+        self._contents = b"".join(self._arrays)
 
     def is_outdated(self) -> bool:
         """Whether an attribute has been set, or an element added or removed, since the snapshot."""
-        try:
-            # Values that are the same object are equal; arrays that are not have no truth value.
-            return self._present_values() != self._values or self._present_contents() != self._contents
-        except ValueError:
-            return True
+        return self._present_revisions() != self._revisions or b"".join(self._arrays) != self._contents
 
-    def _present_values(self) -> list[Any]:
-        return [*map(operator.attrgetter("_value"), self._attributes)]
-
-    def _present_contents(self) -> tuple[list[bytes], list[int]]:
-        """Returns what can change while all values stay the same objects."""
-        return [array.tobytes() for array in self._arrays], [*map(len, self._children)]
+    def _present_revisions(self) -> list[int]:
+        return [model.revision for model in self._models]
 
 
 def _descendants(element: mjcf.Element) -> list[mjcf.Element]:
@@ -82,20 +71,23 @@ class ModelSnapshot:
         self._model = model
         fields = {name: _field(model, name) for name in _FIELDS}
         # They stay valid, and to ask for them takes most of the time of a comparison.
-        self._views = {name: value for name, value in fields.items() if isinstance(value, np.ndarray)}
-        self._numbers = [name for name in fields if name not in self._views]
+        self._arrays = {name: value for name, value in fields.items() if isinstance(value, np.ndarray)}
+        self._numbers = [name for name in fields if name not in self._arrays]
         self.update()
 
     def changed(self) -> list[str]:
         """Returns the names of the fields that have changed since the snapshot."""
-        return [name for name, value in self._present_values().items() if value != self._values[name]]
+        numbers = self._present_numbers()
+        changed = [name for name in self._numbers if numbers[name] != self._stored_numbers[name]]
+        # Joined they are compared in a third of the time.
+        if b"".join(self._arrays.values()) != b"".join(self._contents.values()):
+            changed += [name for name, array in self._arrays.items() if array.tobytes() != self._contents[name]]
+        return sorted(changed)
 
     def update(self) -> None:
         """Takes the present fields as the snapshot."""
-        self._values = self._present_values()
+        self._contents = {name: array.tobytes() for name, array in self._arrays.items()}
+        self._stored_numbers = self._present_numbers()
 
-    def _present_values(self) -> dict[str, bytes | float]:
-        values: dict[str, bytes | float] = {name: view.tobytes() for name, view in self._views.items()}
-        for name in self._numbers:
-            values[name] = _field(self._model, name)
-        return values
+    def _present_numbers(self) -> dict[str, float]:
+        return {name: _field(self._model, name) for name in self._numbers}

@@ -42,8 +42,6 @@ PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = {
         "_strip_singleton_buffer_dim",
     ),
     "dm_control.composer.observation.updater:_EnabledObservable": ("buffer", "observation_callable"),
-    "dm_control.mjcf.element:_ElementImpl": ("_attributes", "_children"),
-    "dm_control.mjcf.attribute:_Attribute": ("_value",),
 }
 
 

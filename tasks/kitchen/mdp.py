@@ -17,6 +17,7 @@ from kitchen_suite.tasks.kitchen.reward import Shaping, task_shares
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, Ordering, counted_in_order, next_in_turn
 from kitchen_suite.tasks.shaping import REWARDS, Shares
+from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, Transition
 from kitchen_suite.types import Array
 
@@ -265,10 +266,10 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         """The achieved and the desired goals, `(..., k)` each [rad, m, quaternion]; no noise."""
         return {
             "achieved_goal": Observation(lambda simulation, state: state.achieved),
-            "desired_goal": Observation(lambda simulation, state: self._desired(state)),
+            "desired_goal": Observation(self._desired),
         }
 
-    def _desired(self, state: KitchenState) -> Array:
+    def _desired(self, simulation: Simulation, state: KitchenState) -> Array:
         """Returns the desired goals `(..., k)`, the same in all episodes."""
         axes = state.achieved.shape[:-1]
         # One episode is read in every step, once for each task.

@@ -406,6 +406,16 @@ def test_an_edit_of_the_mjcf_acts_at_the_next_reset_of_single_environments(domai
     timestep = environment.reset()
     assert environment.physics.named.model.geom_size["new"][0] == 0.01
     assert environment.step(np.zeros(environment.action_spec().shape)).observation.keys() == timestep.observation.keys()
+    world.geom["new"].remove()
+    environment.reset()
+    with pytest.raises(KeyError):
+        environment.physics.named.model.geom_size["new"]
+    # In a model that is attached.
+    body = environment.task.robot.mjcf_model.find_all("body")[0]
+    for value in (0.25, None):
+        body.gravcomp = value
+        environment.reset()
+        assert environment.physics.bind(body).gravcomp == (value or 0.0)
 
 
 @pytest.mark.parametrize("domain", DOMAINS)
