@@ -155,4 +155,8 @@ class MDP(abc.ABC, Generic[Reading, State]):
 
     @abc.abstractmethod
     def info(self, state: State) -> dict[str, NDArray]:
-        """Returns the infos on the task: fresh arrays `(...)` or `(..., n)`."""
+        """Returns the infos on the task, often with those of `reward_info`: fresh arrays `(...)` or `(..., n)`."""
+
+    def reward_info(self, state: State) -> dict[str, NDArray]:
+        """Returns the terms of the last step's reward as infos have them: fresh arrays `(...)` by `reward/<name>`."""
+        return {f"reward/{name}": np.array(term) for name, term in state.terms.items()}  # type: ignore[attr-defined]

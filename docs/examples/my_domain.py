@@ -93,7 +93,7 @@ class LeverMDP(MDP):
 
     def info(self, state):
         return {
-            **{f"reward/{name}": np.array(term) for name, term in state.terms.items()},
+            **self.reward_info(state),
             "is_success": np.abs(state.angle[..., 0]) > PUSHED,
         }
 

@@ -1,5 +1,6 @@
 """Edits that a user makes of an environment's MJCF or compiled model, found by comparison."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import mujoco
@@ -27,14 +28,19 @@ class MjcfSnapshot:
         # Arrays can be written to as well.
         values = [value for element in elements for value in element.get_attributes().values()]
         self._arrays = [value for value in values if isinstance(value, np.ndarray)]
-        self._contents = b"".join(self._arrays)
+        self._contents = _joined(self._arrays)
 
     def is_outdated(self) -> bool:
         """Whether an attribute has been set, or an element added or removed, since the snapshot."""
-        return self._present_revisions() != self._revisions or b"".join(self._arrays) != self._contents
+        return self._present_revisions() != self._revisions or _joined(self._arrays) != self._contents
 
     def _present_revisions(self) -> list[int]:
         return [model.revision for model in self._models]
+
+
+def _joined(arrays: Iterable[np.ndarray]) -> bytes:
+    """Returns the contents of contiguous arrays, end to end."""
+    return b"".join(array.data for array in arrays)
 
 
 def _descendants(element: mjcf.Element) -> list[mjcf.Element]:
@@ -80,7 +86,7 @@ class ModelSnapshot:
         numbers = self._present_numbers()
         changed = [name for name in self._numbers if numbers[name] != self._stored_numbers[name]]
         # Joined they are compared in a third of the time.
-        if b"".join(self._arrays.values()) != b"".join(self._contents.values()):
+        if _joined(self._arrays.values()) != b"".join(self._contents.values()):
             changed += [name for name, array in self._arrays.items() if array.tobytes() != self._contents[name]]
         return sorted(changed)
 

@@ -455,7 +455,7 @@ class GeneratedKitchenMDP(MDP[SlotReading, GeneratedKitchenState]):
             "is_success": np.array(self.all_completed(state)),
         }
         if state.terms.keys() != _SPARSE:
-            infos |= {f"reward/{name}": np.array(term) for name, term in state.terms.items()}
+            infos |= self.reward_info(state)
         return infos
 
 

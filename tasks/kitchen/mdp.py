@@ -351,7 +351,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             advanced = progress.advanced[..., np.newaxis]
             infos[f"{ATTEMPTED}_mask"] = np.where(advanced, progress.completed, self.attempted(state))
         if state.terms.keys() != _SPARSE:
-            infos |= {f"reward/{name}": np.array(term) for name, term in state.terms.items()}
+            infos |= self.reward_info(state)
         if state.shaping is not None:
             infos |= {f"{REWARD_STATE}/{name}": np.array(part) for name, part in state.shaping._asdict().items()}
         return infos

@@ -123,7 +123,7 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
     def info(self, state: MicrowaveTableState) -> dict[str, NDArray]:
         """Returns the infos on door and reward: fresh arrays `(...)`."""
         return {
-            **{f"reward/{name}": np.array(term) for name, term in state.terms.items()},
+            **self.reward_info(state),
             "door_opening": np.array(state.door_opening),
             "is_success": np.array(state.is_success),
             "success_at_any_time": np.array(state.succeeded),

@@ -189,7 +189,7 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
         """Returns the infos on drawer and reward: fresh arrays `(...)`."""
         opening = state.drawer_position
         return {
-            **{f"reward/{name}": np.array(term) for name, term in state.terms.items()},
+            **self.reward_info(state),
             "drawer_opening": np.array(opening),
             "is_success": np.array(succeeds(opening)),
             "success_at_any_time": np.array(state.succeeded),
