@@ -366,6 +366,18 @@ def test_one_task_replaces_all_conditions_and_keeps_the_score_of_its_own_sets(ta
     assert (made.score and made.score.best) == score
 
 
+@pytest.mark.parametrize(
+    ("task_kwargs", "has_score"),
+    [
+        ({"tasks_to_complete": ["kettle"]}, False),
+        ({"tasks_per_episode": 1}, False),
+        ({"robot_noise_ratio": 0.5}, True),
+    ],
+)
+def test_a_published_score_is_only_of_its_own_tasks(task_kwargs, has_score):
+    assert (plan("d4rl", task_kwargs=task_kwargs).score is not None) == has_score
+
+
 def test_arguments_in_which_conditions_differ_are_not_replaced():
     with refused(ValueError, "'shift'", "['variations']"):
         plan(protocol="shift", task_kwargs={"variations": ["start"]})
