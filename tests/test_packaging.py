@@ -24,7 +24,7 @@ def setup():
     return parser
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_every_file_of_the_package_is_shipped(tmp_path):
     # Without `build`, from which setuptools would take files that are no longer in the tree.
     tree = tmp_path / "tree"

@@ -147,9 +147,3 @@ def test_every_stage_is_run_somewhere_and_every_stage_that_is_run_exists():
     }
     assert run <= stages()
     assert listed == stages()
-
-
-def test_the_readme_has_the_test_command_of_the_first_stage():
-    command = "pip install '.[test]' && pytest"
-    assert f"tests() {{ gl; environment; {command}; }}" in (ROOT / ".ci" / "stage").read_text(encoding="utf-8")
-    assert f"\n{command}\n" in (ROOT / "README.md").read_text(encoding="utf-8")

@@ -260,7 +260,7 @@ def test_a_protocol_cannot_be_changed(settings, values):
 
 
 @pytest.mark.parametrize(
-    "name", brief(PROTOCOLS, [name for name in PROTOCOLS if name not in ("shift", *LONG)], thorough=LONG)
+    "name", brief(PROTOCOLS, [name for name in PROTOCOLS if name not in ("shift", *LONG)], full=LONG)
 )
 def test_a_protocol_has_its_numbers(name, dataset):
     made = plan(protocol=name, dataset=dataset if takes_goals(PROTOCOLS[name]) else None)
