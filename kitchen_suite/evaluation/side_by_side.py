@@ -1,5 +1,8 @@
 """Videos of two policies in the same episodes, side by side; needs the extra `video`."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import contextlib
 import dataclasses
 import itertools
