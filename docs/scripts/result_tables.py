@@ -13,6 +13,8 @@ from scipy import stats
 from tabulate import tabulate
 
 from kitchen_suite.entities.designs import SPLITS
+from kitchen_suite.evaluation.compare import compare
+from kitchen_suite.evaluation.comparison_tables import format_comparison
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.generated_kitchens import certificates
@@ -855,6 +857,39 @@ def _memory(process: Iterable[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
         yield str(parts[0]["process"]), f"{steps:,}", f"{seconds / 3600:.2f}", f"{greatest:.0f}"
 
 
+def comparison_example() -> str:
+    """Returns the output of kitchen-compare for the evaluations of `docs/experiments/comparison.py`."""
+    comparison = compare(*(RESULTS / "comparison" / f"{policy}.json" for policy in ("expert", "trained")))
+    return f"```\n{format_comparison(comparison)}\n```\n"
+
+
+def comparison_constructions() -> str:
+    """Returns the table of policies whose truth is known, from the result of `docs/experiments/comparison.py`."""
+    rows = [
+        (
+            row["construction"],
+            *(f"{100 * row[f'{name}_width']:.1f} %" for name in ("paired", "unpaired")),
+            f"{100 * row['paired_coverage']:.1f} %",
+            *(row[f"{name}_episodes"] for name in ("paired", "unpaired")),
+        )
+        for row in read_results("comparison")
+        if "paired_coverage" in row
+    ]
+    widths = ("width, paired", "width, unpaired")
+    episodes = ("episodes for 80 %, paired", "episodes for 80 %, unpaired")
+    return markdown(("failures", *widths, "paired intervals that contain the truth", *episodes), rows)
+
+
+def comparison_shipped() -> str:
+    """Returns the table of the shipped policies, from the result of `docs/experiments/comparison.py`."""
+    (row,) = (row for row in read_results("comparison") if "correlation" in row)
+    widths = (f"{100 * row[f'{name}_width']:.1f} %" for name in ("paired", "unpaired"))
+    header = ("policies", "width, paired", "width, unpaired", "correlation of successes", "fraction of the episodes")
+    return markdown(
+        header, [(row["construction"], *widths, f"{row['correlation']:.2f}", f"{row['episodes_ratio']:.2f}")]
+    )
+
+
 RESULT_TABLES: dict[str, Callable[[], str]] = {
     "control_modes_tracking": tracking_table,
     "control_modes_speed": control_speed_table,
@@ -875,6 +910,9 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "evaluation_tasks": task_rate_table,
     "imitation_results": imitation_table,
     "kitchen_policy": kitchen_policy_table,
+    "comparison_example": comparison_example,
+    "comparison_constructions": comparison_constructions,
+    "comparison_shipped": comparison_shipped,
     "digests": digest_table,
     "offline_sets": offline_set_table,
     "offline_digests": offline_digest_table,

@@ -18,7 +18,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.cluster import Cluster
 from kitchen_suite.episodes.episode import EpisodeBuffer, Waiting, Watch
 from kitchen_suite.episodes.play import Controller, SingleRollout, VectorEpisode, VectorRollout, make_controller
-from kitchen_suite.episodes.report import EpisodeBar, print_line
+from kitchen_suite.episodes.report import TABLE_FORMATS, EpisodeBar, paragraph, print_line
 from kitchen_suite.episodes.spec import EpisodeSpec, even_count, reset_to_seed
 from kitchen_suite.evaluation import criteria, receipts, tables
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
@@ -60,6 +60,11 @@ class Evaluation:
         """Returns what was evaluated, and all scores, as JSON represents it, without times, dates and paths."""
         return as_json(self.plan, self.scores_by_condition)
 
+    @property
+    def episode_rows(self) -> dict[str, list[dict[str, Any]]]:
+        """The results of the episodes by condition, as JSON represents them, from which `compare` can pair them."""
+        return {name: [result.as_json() for result in each] for name, each in self.results.items()}
+
     def write_receipt(self, path: Path) -> None:
         """Writes the receipt of the episodes, whose results have traces."""
         traces = {name: [Trace.from_text(result.trace) for result in each] for name, each in self.results.items()}
@@ -88,6 +93,7 @@ def evaluate(
     resume: bool = False,
     receipt: str | Path | None = None,
     verbose: bool = False,
+    table_format: str = "text",
 ) -> Evaluation:
     """Evaluates a policy under a protocol.
 
@@ -112,6 +118,7 @@ def evaluate(
       resume: whether to continue the evaluation in `output`.
       receipt: file to write a receipt to, which `kitchen_suite.replay` checks without the policy.
       verbose: whether to print the scores of each condition as soon as they are there.
+      table_format: of what is printed: `text`, `markdown` or `latex`.
 
     Raises:
       OSError: a file or folder cannot be read or written.
@@ -120,6 +127,7 @@ def evaluate(
     """
     reference = PolicyRef.of(policy, takes)
     checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
+    checks.choice(table_format, TABLE_FORMATS, "table_format")
     if resume and output is None:
         raise ValueError("an evaluation is resumed in its folder, output")
     if resume and reference.function is not None:
@@ -141,7 +149,7 @@ def evaluate(
     if receipt is not None and not all(result.trace for result in folder.results.values()):
         raise ValueError(f"{output} has episodes without actions, so that no receipt can be written")
     if verbose:
-        print_line(tables.format_heading(plan))
+        print_line(paragraph(tables.format_heading(plan), table_format))
     results = {}
     successes = sum(result.success for result in folder.results.values())
     with EpisodeBar(len(_seeds(plan)), len(folder.results), successes) as bar:
@@ -161,12 +169,13 @@ def evaluate(
             results[name] = [folder.results[name, index] for index in range(plan.num_episodes)]
             if verbose:
                 scores = score_episodes(results[name], plan.score)
-                print_line(f"\n{tables.format_scores(name, spec.task_name, plan.num_episodes, scores)}")
+                formatted = tables.format_scores(name, spec.task_name, plan.num_episodes, scores, table_format)
+                print_line(f"\n{formatted}")
     evaluation = Evaluation(plan=plan, results=results)
     if verbose and len(results) > 1:
-        print_line(f"\n{tables.format_summary(evaluation.scores_by_condition)}")
+        print_line(f"\n{tables.format_summary(evaluation.scores_by_condition, table_format)}")
         if overall := evaluation.as_json().get("overall"):
-            print_line(f"\n{tables.format_overall(overall)}")
+            print_line(f"\n{tables.format_overall(overall, table_format)}")
     if receipt is not None:
         evaluation.write_receipt(Path(receipt))
     return evaluation

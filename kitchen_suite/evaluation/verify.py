@@ -4,7 +4,7 @@ import collections
 import contextlib
 import dataclasses
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,10 @@ _VERDICTS = {
 }
 
 # Arguments of environments on which pictures and layouts of observations depend, and none of the numbers compared.
-_OF_OBSERVATIONS = {*PICTURE_OPTIONS, "obs_type", "render_quality"}
+_OF_PICTURES = {*PICTURE_OPTIONS, "obs_type", "render_quality"}
+
+# All on which nothing of an episode but its observations depends.
+_OF_OBSERVATIONS = {*_OF_PICTURES, "extra_observables", "goal_format"}
 
 _MAX_LINES = 10  # Episodes that differ of which the report has a line.
 
@@ -112,7 +115,7 @@ def verify(path: Path, *, num_envs: int = 16, num_threads: int | None = None, ve
 
 def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: int | None) -> Iterator[Comparison]:
     """Plays the episodes of a receipt again, by its `checked_plan`, and yields each as it ends."""
-    plan = dataclasses.replace(plan, specs={name: _blind(spec) for name, spec in plan.specs.items()})
+    plan = dataclasses.replace(plan, specs={name: _without_pictures(spec) for name, spec in plan.specs.items()})
     for name, spec in plan.specs.items():
         results, traces = receipt.results[name], receipt.traces[name]
         waiting = collections.deque((result.episode, result.seed) for result in results)
@@ -133,8 +136,17 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
                 yield Comparison(recorded=recorded, replayed=replayed, first=first, greatest=greatest)
 
 
-def _blind(spec: EpisodeSpec) -> EpisodeSpec:
-    kwargs = {name: value for name, value in spec.task_kwargs.items() if name not in _OF_OBSERVATIONS}
+def _without_pictures(spec: EpisodeSpec) -> EpisodeSpec:
+    return _without(spec, _OF_PICTURES)
+
+
+def without_observations(spec: EpisodeSpec) -> EpisodeSpec:
+    """Returns a specification without the arguments that change what is observed, and nothing else of an episode."""
+    return _without(spec, _OF_OBSERVATIONS)
+
+
+def _without(spec: EpisodeSpec, arguments: Collection[str]) -> EpisodeSpec:
+    kwargs = {name: value for name, value in spec.task_kwargs.items() if name not in arguments}
     return dataclasses.replace(spec, task_kwargs=kwargs)
 
 
@@ -185,7 +197,7 @@ def _circumstances(receipt: Receipt) -> list[str]:
     if "goals_sha256" in receipt.evaluation:
         lines.append("not verified, since their recording is not here: where the goals were taken from")
     given = {name for condition in receipt.evaluation["conditions"].values() for name in condition["task_kwargs"]}
-    if unseen := sorted(given & _OF_OBSERVATIONS):
+    if unseen := sorted(given & _OF_PICTURES):
         lines.append(f"not verified, since none of the numbers depend on it: {', '.join(unseen)}")
     here = {**installed_versions(), "processor": machine()}
     there: Mapping[str, Any] = {**receipt.evaluation["versions"], "processor": receipt.machine}
