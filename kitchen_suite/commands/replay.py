@@ -48,6 +48,7 @@ def define(values: FlagValues) -> None:
     DEFINE_string("episodes", None, which, values)
     count = "Number of episodes, spread evenly over the recording, where episodes are not given."
     DEFINE_integer("num_episodes", 10, count, 1, checks.MAX_COUNT, flag_values=values)
+    flags.custom(values)
     flags.num_envs(values)
     flags.video(values)
     flags.page(values)
@@ -57,6 +58,7 @@ def run(given: FlagValues, source: str) -> int:
     """Replays a recording or a receipt, and prints what was found."""
     from kitchen_suite.episodes.recording import SPEC_FILE
 
+    flags.import_custom(given)
     path = Path(source)
     if not path.exists():
         raise FileNotFoundError(f"there is no recording or receipt {source!r}")

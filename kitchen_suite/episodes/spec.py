@@ -54,8 +54,7 @@ class EnvironmentSpec:
         if max_episode_steps is not None:
             checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
         suite.check_not_fixed(domain_name, task_name, task_kwargs)
-        if reserved := sorted(_RESERVED & task_kwargs.keys()):
-            raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: what plays episodes sets it")
+        _check_not_reserved(task_kwargs)
         domain = suite.find_domain(domain_name)
         env_class = domain.env_class
         # Before Gymnasium does, which takes some names itself, such as `disable_env_checker`.
@@ -191,7 +190,9 @@ class EpisodeSpec(EnvironmentSpec):
         spec = files.parse(record, cls, "not a specification")
         if unknown := sorted(record.keys() - {field.name for field in dataclasses.fields(cls)}):
             raise ValueError(f"unknown attributes {unknown}")
+        suite.check_named(spec.domain_name, spec.task_kwargs)
         suite.task_arguments(spec.domain_name, spec.task_name)
+        _check_not_reserved(spec.task_kwargs)
         checks.choice(spec.seeding, SEEDINGS, "seeding")
         checks.integer(spec.seed, "seed", minimum=0)
         checks.integer(spec.max_episode_steps, "max_episode_steps", minimum=1)
@@ -244,6 +245,11 @@ class EpisodeSpec(EnvironmentSpec):
             return self
         extras = [*(self.argument("extra_observables") or []), *missing]
         return dataclasses.replace(self, task_kwargs={**self.task_kwargs, "extra_observables": extras})
+
+
+def _check_not_reserved(task_kwargs: Mapping[str, Any]) -> None:
+    if reserved := sorted(_RESERVED & task_kwargs.keys()):
+        raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: what plays episodes sets it")
 
 
 def merged_kwargs(task_kwargs: Mapping[str, Any], named: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import dm_env
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import checks
+from kitchen_suite import checks, imports
 from kitchen_suite.names import EXTRA_PACKAGES
 from kitchen_suite.policies.registry import ADDRESS, POLICIES, Policy, PolicyBuilder, PolicyError, PolicySource
 
@@ -181,7 +181,7 @@ class PolicyRef:
             return self.function
         if not self.key:
             raise ValueError(f"policy {checks.shown(self.text)} was an object of a program, which no name leads to")
-        imported = checks.imported(self.key, "policy")
+        imported = imports.named(self.key, "policy")
         if not callable(imported):
             raise ValueError(f"policy {checks.shown(self.text)} cannot be called: it is {checks.shown(imported)}")
         return imported
@@ -219,7 +219,7 @@ def _well_formed(text: str) -> str:
             return rest
         return f"its options as in a call, {key}({rest})" if POLICIES[key].takes_options else key
     if text.endswith(".py"):
-        checks.imported(text, "policy")  # Raises the error of a file in place of a module.
+        imports.check_no_file(text, "policy")
     address = _OTHER_ADDRESS.fullmatch(text)
     if address and (address["scheme"] or re.search(r":\d", text)):
         scheme = "wss" if address["scheme"] == "https://" else "ws"

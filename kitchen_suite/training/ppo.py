@@ -772,6 +772,7 @@ def _load_initial_policy(path: Path, spec: EnvironmentSpec) -> TrainedPolicy:
     domain, task, arguments = (policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs"))
     if domain != spec.domain_name:
         raise ValueError(f"{path} is a policy of the domain {domain}, not of {spec.domain_name}")
+    suite.check_named(domain, arguments)
     trained = EnvironmentSpec.make(domain, task, arguments)
     check_same(path, trained, spec, (*OBSERVATION_OPTIONS, *suite.find_domain(domain).control_options))
     return policy
