@@ -343,7 +343,7 @@ class SuiteEnv(gymnasium.Env):
             the suite has are ignored.
         """
         if seed is not None:
-            checks.integer(seed, "seed", minimum=0)
+            seed = checks.integer(seed, "seed", minimum=0)
         names = (STATE, VARIATION, VARIATION_VALUES, *self.composer_task.requests.options)
         chosen = checks.reset_options(options, names, elsewhere=(RESET_MASK,))
         state = chosen.get(STATE)

@@ -263,7 +263,7 @@ def browsing_of(process, port):
 @pytest.fixture
 def viewer(port, tmp_path):
     """A viewer in which a person plays, and its folder."""
-    flags = ["--teleop", "--task_name=kettle", f"--output={tmp_path / 'mine'}", f"--port={port}"]
+    flags = ["--teleop", "--task_name=kettle", f"--output={tmp_path / 'mine'}", f"--port={port}", "--no_token"]
     with running("view", *flags) as process:
         process.stdout.readline()
         yield process
@@ -301,7 +301,7 @@ def test_the_first_control_step_comes_in_one_message(viewer, port):
 
 @pytest.mark.web
 def test_a_reset_starts_the_episode_anew(port):
-    flags = ["--teleop", "--task_name=kettle", f"--port={port}"]
+    flags = ["--teleop", "--task_name=kettle", f"--port={port}", "--no_token"]
     with running("view", *flags) as process, browsing_of(process, port) as browser:
         browser.press("Up")
         browser.wait(lambda: browser.number("control step") > 3)
@@ -362,13 +362,16 @@ def test_garbage_breaks_nothing(viewer, port):
         for position in ([np.nan] * 3, [np.inf, 0.0, 0.0], [1e300] * 3):
             good.move([float(value) for value in position])
         good.move([-0.3, 0.3, 2.2], wxyz=(0.0, 0.0, 0.0, 0.0))
-        for label, value in {"Nudge": "huge", "Speed": "light", "Camera": "moon", "Seed": -5}.items():
+        for label, value in {"Nudge": "huge", "Speed": "light", "Camera": "moon", "Seed": "x", "Run": []}.items():
             good.set(label, value)
+        good.update("Speed", {"options": ["light"], "update_cb": []})
         steps = good.number("control step")
         good.press("Up")
         good.wait(lambda: good.number("control step") > steps + 3)
         assert "Error" not in good.report()
     assert viewer.poll() is None
+    viewer.kill()
+    assert viewer.stderr.read() == ""
 
 
 def keep_moving(browser, seconds):
@@ -397,11 +400,13 @@ def test_a_person_takes_over_from_what_acts_in_an_environment(port):
     from kitchen_suite.viewer.intervention import InterventionWrapper
 
     env = InterventionWrapper(gymnasium.make("KitchenSuite/FrankaKitchen-v1", tasks_to_complete=["kettle"]), port)
+    token = env.address.rpartition("/")[2]
+    assert len(token) >= 32
     env.reset(seed=0)
     zeros = np.zeros(9, np.float32)
     *_, info = env.step(zeros)
     assert info["is_intervention"] is False
-    with contextlib.closing(Browser(port)) as browser:
+    with contextlib.closing(Browser(port, token)) as browser:
         browser.press("Up")
         wait_until(lambda: not env._page.commands.empty())
         start = time.monotonic()
