@@ -208,10 +208,22 @@ def cache_folder() -> Path | None:
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Path:
     """Writes a compressed npz of `arrays` and, as a string of JSON, `metadata`; returns the file."""
-    packed = pack_arrays({**arrays, "metadata": np.array(json.dumps(metadata))})
+    packed = _pack_with_metadata(arrays, metadata)
     with atomic_write(path) as partial:
         partial.write_bytes(packed)
     return path
+
+
+def create_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Path:
+    """Writes what `save_arrays` does to a new file; raises a FileExistsError if there is one, as `atomic_create`."""
+    packed = _pack_with_metadata(arrays, metadata)
+    with atomic_create(path) as partial:
+        partial.write_bytes(packed)
+    return path
+
+
+def _pack_with_metadata(arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> bytes:
+    return pack_arrays({**arrays, "metadata": np.array(json.dumps(metadata))})
 
 
 def pack_arrays(arrays: Mapping[str, NDArray]) -> bytes:

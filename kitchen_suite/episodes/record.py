@@ -106,7 +106,9 @@ def complete(
             if episode.diverged:
                 diverged.append(episodes.seed + episode.index)
                 continue
-            recording.append(episode)
+            # Another process that completes the recording has written the same episode.
+            with contextlib.suppress(FileExistsError):
+                recording.append(episode)
             bar.count(bool(episode.metrics["success"]))
     if diverged:
         seeds = sorted(diverged)

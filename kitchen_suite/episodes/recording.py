@@ -2,6 +2,8 @@
 
 import dataclasses
 import hashlib
+import os
+import secrets
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -86,7 +88,18 @@ class Recording:
         return [(index, self.spec.seed + index) for index in range(count) if index not in present]
 
     def append(self, episode: Episode) -> None:
-        """Writes an episode as a compressed npz that `numpy.load` reads without pickle, with its metadata as JSON."""
+        """Writes an episode as a compressed npz that `numpy.load` reads without pickle, with its metadata as JSON.
+
+        Raises a FileExistsError if there is one of its number: of several processes that write it, one succeeds.
+        """
+        files.create_arrays(self._path(episode.index), episode.arrays, self._metadata(episode))
+
+    def keep_aside(self, episode: Episode) -> Path:
+        """Writes an episode whose number is taken to a file of its own, which is not among the episodes; returns it."""
+        name = f"unsaved_{episode.index:06d}_{os.getpid()}_{secrets.token_hex(4)}.npz"
+        return files.create_arrays(self.folder / name, episode.arrays, self._metadata(episode))
+
+    def _metadata(self, episode: Episode) -> dict[str, Any]:
         summary = episode.summary
         metadata = _Metadata(
             episode=episode.index,
@@ -99,7 +112,7 @@ class Recording:
             actions_sha256=episode.actions_sha256,
             recording=self.spec.as_json(),
         )
-        files.save_arrays(self._path(episode.index), episode.arrays, vars(metadata))
+        return vars(metadata)
 
     def remove(self, index: int) -> None:
         self._path(index).unlink(missing_ok=True)

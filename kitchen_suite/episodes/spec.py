@@ -49,7 +49,10 @@ class EnvironmentSpec:
     def make(
         domain_name: str, task_name: str | None, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
     ) -> "EnvironmentSpec":
-        """Makes a specification of checked arguments; None stands for the domain's default."""
+        """Makes a specification of checked arguments; None stands for the domain's default.
+
+        It has the contents of files that arguments name, in place of their names.
+        """
         task_name = suite.default_task(domain_name) if task_name is None else task_name
         if max_episode_steps is not None:
             checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
@@ -59,6 +62,7 @@ class EnvironmentSpec:
         env_class = domain.env_class
         # Before Gymnasium does, which takes some names itself, such as `disable_env_checker`.
         env_class.check_keywords(domain, task_kwargs, exclude=_RESERVED)
+        task_kwargs = domain.with_contents(task_kwargs)
         obs_type = env_class.find_obs_type(task_kwargs.get("obs_type"))
         # The quality of observed pictures must not depend on that of a video.
         quality = {"render_quality": "high"} if has_pictures(obs_type) else {}

@@ -21,6 +21,7 @@ from kitchen_suite.episodes.play import Controller, SingleRollout, VectorEpisode
 from kitchen_suite.episodes.report import EpisodeBar, print_line
 from kitchen_suite.episodes.spec import EpisodeSpec, even_count, reset_to_seed
 from kitchen_suite.evaluation import criteria, receipts, tables
+from kitchen_suite.evaluation.confirmed import format_changes
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, check_robot, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
@@ -141,7 +142,7 @@ def evaluate(
     if receipt is not None and not all(result.trace for result in folder.results.values()):
         raise ValueError(f"{output} has episodes without actions, so that no receipt can be written")
     if verbose:
-        print_line(tables.format_heading(plan))
+        print_line("\n".join(filter(None, [tables.format_heading(plan), format_changes(plan)])))
     results = {}
     successes = sum(result.success for result in folder.results.values())
     with EpisodeBar(len(_seeds(plan)), len(folder.results), successes) as bar:

@@ -15,7 +15,7 @@ from kitchen_suite.viewer.live_page import Command, LivePage
 from kitchen_suite.viewer.panels import EpisodePanel, TaskPanel
 from kitchen_suite.viewer.servers import address_of, local_server
 from kitchen_suite.viewer.stage import CameraImage, Stage
-from kitchen_suite.viewer.teleoperation import Collection, TeleoperatedEpisode, persons_episode
+from kitchen_suite.viewer.teleoperation import Collection, SeedTakenError, TeleoperatedEpisode, persons_episode
 from kitchen_suite.viewer.untrusted import escaped
 
 _IDLE = 0.05  # Greatest time between two readings of the panel [s].
@@ -249,9 +249,13 @@ class TeleoperationViewer(Viewer):
 
     def _save(self) -> None:
         assert self._collection
-        is_done = self._collection.save(self.episode)
-        title, color = ("Saved", None) if is_done else ("Saved a failed episode", "red")
-        self._page.notify(title, self._collection.last, color=color)
+        try:
+            is_done = self._collection.save(self.episode)
+        except SeedTakenError as error:
+            self._page.notify("Kept aside", str(error), color="red")
+        else:
+            title, color = ("Saved", None) if is_done else ("Saved a failed episode", "red")
+            self._page.notify(title, self._collection.last, color=color)
         self._panel.seed = self._collection.next_seed(self.episode.seed)
         self._reset()
 

@@ -12,6 +12,7 @@ import gymnasium
 import mink
 import numpy as np
 import pytest
+from helpers.episodes import limited_files, load_episode
 from helpers.errors import refused
 from helpers.viser_client import TIMEOUT, Browser
 
@@ -19,7 +20,7 @@ from kitchen_suite.commands import replay, rollout
 from kitchen_suite.episodes.episode import Episode
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.viewer.live_episode import Choice
-from kitchen_suite.viewer.teleoperation import Collection, persons_episode
+from kitchen_suite.viewer.teleoperation import Collection, SeedTakenError, persons_episode
 
 KETTLE = Choice(domain_name="kitchen", task_name="kettle", max_episode_steps=60)
 
@@ -230,6 +231,38 @@ def test_a_folder_is_for_episodes_of_one_task(tmp_path):
     with refused(ValueError, "policy"):
         mine.check(made(policy="expert").spec)
     assert made(policy="expert").spec.policy == "teleop(policy='expert')"
+
+
+def test_of_two_that_save_one_seed_none_overwrites_the_other(tmp_path):
+    """In one folder, as two viewers do."""
+    one, other = started(seed=5), started(seed=5)
+    first, second = (Collection(tmp_path / "mine", each.spec) for each in (one, other))
+    for episode, direction in ((one, 0.05), (other, -0.05)):
+        episode.arm.nudge([0.0, 0.0, direction])
+        play(episode, 4)
+    first.save(one)
+    with refused(SeedTakenError, "seed 5 has been saved already", "unsaved_000005_"):
+        second.save(other)
+    assert second.next_seed(5) == 6
+    recording = Recording.open(tmp_path / "mine")
+    assert recording.indices == [5]
+    np.testing.assert_array_equal(recording.load(5).arrays["action"], one.result().arrays["action"])
+    # Nothing of the other one is lost.
+    (aside,) = (tmp_path / "mine").glob("unsaved_*.npz")
+    np.testing.assert_array_equal(load_episode(aside)[1]["action"], other.result().arrays["action"])
+    assert replay.main([str(tmp_path / "mine")]) == 0
+
+
+def test_a_full_disk_loses_nothing(tmp_path):
+    episode = started(seed=5)
+    mine = Collection(tmp_path / "mine", episode.spec)
+    episode.arm.nudge([0.0, 0.0, 0.05])
+    play(episode, 4)
+    with limited_files(1024), refused(OSError):
+        mine.save(episode)
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["recording.json"]
+    mine.save(episode)
+    assert Recording.open(tmp_path / "mine").indices == [5]
 
 
 @contextlib.contextmanager
