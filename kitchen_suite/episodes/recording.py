@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import gymnasium
+
 from kitchen_suite import files
 from kitchen_suite.episodes.episode import Episode, Summary
 from kitchen_suite.episodes.spec import EpisodeSpec
@@ -137,6 +139,18 @@ class Recording:
             episode.check(about.actions_sha256)
         except ValueError as error:
             raise OSError(f"{self._path(index)} does not hold an episode: {error}") from error
+        return episode
+
+    def load_fitting(self, index: int, environment: gymnasium.Env) -> Episode:
+        """Reads an episode for those who compute with it; raises as `load`.
+
+        An OSError is raised as well unless observations and actions are in the spaces of the recording's environment.
+        """
+        episode = self.load(index)
+        try:
+            episode.check_fits(environment, is_partial=self.spec.origin is not None)
+        except ValueError as error:
+            raise OSError(f"{self._path(index)} does not hold an episode of its task: {error}") from error
         return episode
 
     def load_summary(self, index: int) -> Summary:

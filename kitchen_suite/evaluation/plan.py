@@ -249,6 +249,7 @@ class _Recorded:
             raise ValueError(f"{folder} holds no episodes")
         _check_franka(spec, f"the goals of {folder}")
         with contextlib.closing(spec.make_environment()) as environment:
+            self._environment = environment
             self._observations = suite_env(environment).observations
 
     def options(self, take: Goals, seed: int) -> dict[str, Any]:
@@ -263,7 +264,7 @@ class _Recorded:
 
     def _episode(self, index: int) -> tuple[NDArray[np.float64], list[str]]:
         """Returns the states `(T + 1, 30)` of an episode, and the tasks that it completed, in order."""
-        observation = unflatten(self._folder.load(index).arrays, "observation")
+        observation = unflatten(self._folder.load_fitting(index, self._environment).arrays, "observation")
         try:
             states = self._observations.recover_flat(observation)
         except (IndexError, KeyError, TypeError):
