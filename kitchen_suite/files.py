@@ -115,6 +115,13 @@ class DescribedFolder:
         except FileExistsError as error:
             raise FileExistsError(f"{folder} holds {self.kind} already: {self.remedy}") from error
 
+    def withdraw(self, folder: Path) -> None:
+        """Removes the description of a folder without contents, and the folder if there is nothing else in it."""
+        if not any(folder.glob(self.contents)):
+            (folder / self.file).unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
     def load(self, folder: Path) -> Any:
         """Returns the description of a folder; raises an OSError if there is none or it cannot be read."""
         path = folder / self.file

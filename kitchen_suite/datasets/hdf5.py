@@ -34,7 +34,7 @@ def new_file(path: Path) -> Iterator[Any]:
     Raises an ImportError without h5py, and a FileExistsError if there is something at `path`.
     """
     checks.installed(["h5py"], "a dataset in HDF5", "record")
-    with files.atomic_create(path) as partial, _library().File(partial, "w") as file:
+    with files.atomic_create(path) as partial, library().File(partial, "w") as file:
         yield file
 
 
@@ -57,10 +57,10 @@ def compress(path: Path, axes: int) -> None:
     The file is one that this program has written.
     """
     compressed = path.with_suffix(".compressed")
-    with _library().File(path, "r") as source, _library().File(compressed, "w") as target:
+    with library().File(path, "r") as source, library().File(compressed, "w") as target:
 
         def copy(name: str, item: Any) -> None:
-            if isinstance(item, _library().Group):
+            if isinstance(item, library().Group):
                 made = target.create_group(name)
             elif item.ndim <= axes:
                 source.copy(item, target, name)
@@ -81,11 +81,11 @@ def read_arrays(path: Path, names: Collection[str]) -> dict[str, NDArray]:
     Raises an ImportError without h5py, and an OSError if the file cannot be read, or they are anything else.
     """
     checks.installed(["h5py"], "a file of D4RL", "record")
-    with files.reading(path, "HDF5"), _library().File(path, "r") as file:
+    with files.reading(path, "HDF5"), library().File(path, "r") as file:
         found = {name: _checked(file, name) for name in names if file.id.links.exists(name.encode())}
         # Those of a null dataspace have nothing.
         found = {name: item for name, item in found.items() if getattr(item, "shape", ()) is not None}
-        if other := [name for name, item in found.items() if not isinstance(item, _library().Dataset)]:
+        if other := [name for name, item in found.items() if not isinstance(item, library().Dataset)]:
             raise ValueError(f"{other[0]} is not an array")
         _check_size(found.values())
         return {name: item[()] for name, item in found.items()}
@@ -93,24 +93,25 @@ def read_arrays(path: Path, names: Collection[str]) -> dict[str, NDArray]:
 
 def check_group(path: Path, name: str) -> None:
     """Raises an OSError unless a file has a group of arrays, at its top, that another program can read safely."""
-    with files.reading(path, "HDF5"), _library().File(path, "r") as file:
+    with files.reading(path, "HDF5"), library().File(path, "r") as file:
         datasets: list[Any] = []
         _collect(file, name, datasets, set(), _MAX_DEPTH)
         _check_size(datasets)
 
 
-def _library() -> Any:
+def library() -> Any:
+    """Returns h5py; raises an ImportError without it."""
     return importlib.import_module("h5py")
 
 
 def _collect(group: Any, name: str, datasets: list[Any], visited: set[int], depth: int) -> None:
     """Adds the checked datasets of an item of a group to a list."""
     item = _checked(group, name)
-    address = _library().h5o.get_info(item.id).addr
+    address = library().h5o.get_info(item.id).addr
     if address in visited or len(visited) >= _MAX_ITEMS or depth == 0:
         raise ValueError(f"{name} is in itself, too deep, or in several places")
     visited.add(address)
-    if isinstance(item, _library().Dataset):
+    if isinstance(item, library().Dataset):
         datasets.append(item)
         return
     for each in item:
@@ -119,7 +120,7 @@ def _collect(group: Any, name: str, datasets: list[Any], visited: set[int], dept
 
 def _checked(group: Any, name: str) -> Any:
     """Returns an item of a group; raises a ValueError for a link, and for an array that is not as a whole in the file."""
-    h5py = _library()
+    h5py = library()
     # Not `name in group`, which follows links.
     if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
         raise ValueError(f"{name} is a link to another place")

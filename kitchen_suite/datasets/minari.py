@@ -182,7 +182,7 @@ def folder(path: Path | None) -> Iterator[Path]:
 def import_minari() -> Any:
     """Returns the module; raises an ImportError with the remedy."""
     try:
-        importlib.import_module("h5py")
+        hdf5.library()
         return importlib.import_module("minari")
     except ImportError as error:
         raise ImportError(f"a dataset needs Minari ({error}): {checks.install_command('record')}") from error

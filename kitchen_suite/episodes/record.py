@@ -101,7 +101,11 @@ def complete(
     missing = recording.missing(num_episodes)
     played = play_numbered(episodes, policy, missing, num_envs=num_envs, num_threads=num_threads, cluster=cluster)
     diverged: list[int] = []
-    with EpisodeBar(num_episodes, num_episodes - len(missing), successes) as bar, contextlib.closing(played):
+    with (
+        recording.withdrawn_without_episodes(),
+        EpisodeBar(num_episodes, num_episodes - len(missing), successes) as bar,
+        contextlib.closing(played),
+    ):
         for episode in played:
             if episode.diverged:
                 diverged.append(episodes.seed + episode.index)

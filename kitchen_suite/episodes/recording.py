@@ -1,5 +1,6 @@
 """A folder of episodes: one file each, written atomically, and the specification that they were made from."""
 
+import contextlib
 import dataclasses
 import hashlib
 import os
@@ -13,6 +14,7 @@ import gymnasium
 from kitchen_suite import files
 from kitchen_suite.episodes.episode import Episode, Summary
 from kitchen_suite.episodes.spec import EpisodeSpec
+from kitchen_suite.policies import PolicyError
 from kitchen_suite.tasks.records import Metrics
 
 SPEC_FILE, _PATTERN = "recording.json", "episode_*.npz"
@@ -72,6 +74,15 @@ class Recording:
             return cls(folder, EpisodeSpec.from_json(record))
         except ValueError as error:
             raise OSError(f"{path} does not describe a recording: {error}") from error
+
+    @contextlib.contextmanager
+    def withdrawn_without_episodes(self) -> Iterator[None]:
+        """Context in which the policy acts: if it cannot, and there is no episode yet, nothing is left in the folder."""
+        try:
+            yield
+        except PolicyError:
+            _RECORDING.withdraw(self.folder)
+            raise
 
     @property
     def indices(self) -> list[int]:

@@ -28,7 +28,7 @@ from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipts import Receipt, Trace, TraceRecorder
 from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies import TIMESTEP, PolicyRef
+from kitchen_suite.policies import TIMESTEP, PolicyError, PolicyRef
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -155,7 +155,7 @@ def evaluate(
                     threads = num_threads or 1
                     arguments = (name, plan, reference, num_envs, threads, recorded)
                     played = cluster.run(_play_part, arguments, waiting, num_cpus=threads)
-                with contextlib.closing(played):
+                with _withdrawn_without_results(folder), contextlib.closing(played):
                     for result in played:
                         folder.add(result)
                         bar.count(result.success)
@@ -171,6 +171,16 @@ def evaluate(
     if receipt is not None:
         evaluation.write_receipt(Path(receipt))
     return evaluation
+
+
+@contextlib.contextmanager
+def _withdrawn_without_results(folder: EvaluationFolder) -> Iterator[None]:
+    """Context in which the policy acts: if it cannot, and there is no result yet, nothing is left in the folder."""
+    try:
+        yield
+    except PolicyError:
+        folder.withdraw()
+        raise
 
 
 def _seeds(plan: EvaluationPlan) -> dict[Key, int]:
