@@ -1,7 +1,7 @@
 """Objects that are imported by a name `module:NAME`, which a person or a program has given.
 
-Files, such as recordings, name no code: what they name has to have been named here before, or is refused. So the working
-directory is never searched for a file's sake.
+Files, such as recordings, name no code: what they name has to have been named here before, or is refused. So the
+working directory is never searched for a file's sake.
 """
 
 import pkgutil

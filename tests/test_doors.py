@@ -17,9 +17,13 @@ LIBRARIES = {
     "numpy.lib": {"files"},
     # Its names of hosts and bound ports; no data are read by it.
     "socket": {"files", "episodes.cluster", "viewer.servers"},
-    **dict.fromkeys(("pickle", "dill", "joblib", "cloudpickle", "marshal", "shelve", "yaml", "zarr", "numcodecs"), set()),
-    **dict.fromkeys(("http", "requests", "urllib.request", "ftplib", "xmlrpc", "pandas", "pyarrow", "tarfile"), set()),
 }
+# Libraries that no module may use: what they read can name code, or comes from elsewhere.
+NONE = (
+    *("pickle", "dill", "joblib", "cloudpickle", "marshal", "shelve", "yaml", "zarr", "numcodecs", "tarfile"),
+    *("http", "requests", "ftplib", "xmlrpc", "pandas", "pyarrow"),
+)
+LIBRARIES |= {library: set() for library in NONE}
 # `pip` records the folder that the suite was installed from as an address.
 LIBRARIES["urllib.request"] = {"checks"}
 
@@ -90,7 +94,8 @@ def test_what_reads_the_data_of_others_is_called_in_one_module(function):
         module
         for module, tree in MODULES.items()
         for name, arguments in calls(tree)
-        if (name == function or name.endswith(f".{function}")) and not is_round_trip(arguments)
+        if (name == function or name.endswith(f".{function}"))
+        and not is_round_trip(arguments)
         # Those of modules and objects, such as `re.compile`.
         and not ("." not in function and name != function)
     }
@@ -121,9 +126,5 @@ def test_checkpoints_hold_no_code():
 
 
 def test_paths_of_modules_are_changed_in_one_module():
-    homes = {
-        module
-        for module, tree in MODULES.items()
-        if any(name.startswith("sys.path.") for name, _ in calls(tree))
-    }
+    homes = {module for module, tree in MODULES.items() if any(name.startswith("sys.path.") for name, _ in calls(tree))}
     assert homes <= {"imports"}

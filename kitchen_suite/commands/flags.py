@@ -172,7 +172,7 @@ def custom(values: flags.FlagValues) -> None:
 
 
 def import_custom(given: flags.FlagValues, *others: object) -> None:
-    """Imports what `custom` names, and those of some `others` that are names `module:NAME`, so that files may name it."""
+    """Imports what `custom` names, and those of some `others` that are `module:NAME`, so that files may name it."""
     for name in (*given.custom, *others):
         if isinstance(name, str) and ":" in name:
             imports.named(name, "custom")

@@ -19,10 +19,10 @@ DESCRIPTION = """Shows episodes live in a browser on this machine. Needs no disp
   kitchen-view --variations=layout,appearance --port=9000  every episode in another kitchen, at another port
   kitchen-view --teleop --task_name=kettle --output=mine   you move the hand, and save episodes as kitchen-record does
 
-Open the address that is printed: it has a token, without which other users of this machine are refused (--no_token lets
-them in). In the page, choose domain, task, policy, variations and seed; reset, pause, step and set the speed. Other
-machines are refused; from one, use ssh -L 8080:localhost:8080 HOST. Exit status: 1 if the port is in use; 2 for a bad argument, with
-one line on stderr; 130 after Ctrl-C, which ends the viewer.
+Open the address that is printed: it has a token, without which other users of this machine are refused (--no_token
+lets them in). In the page, choose domain, task, policy, variations and seed; reset, pause, step and set the speed.
+Other machines are refused; from one, use ssh -L 8080:localhost:8080 HOST. Exit status: 1 if the port is in use; 2 for a
+bad argument, with one line on stderr; 130 after Ctrl-C, which ends the viewer.
 """
 
 

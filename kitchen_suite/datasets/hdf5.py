@@ -119,7 +119,7 @@ def _collect(group: Any, name: str, datasets: list[Any], visited: set[int], dept
 
 
 def _checked(group: Any, name: str) -> Any:
-    """Returns an item of a group; raises a ValueError for a link, and for an array that is not as a whole in the file."""
+    """Returns an item of a group; raises a ValueError for a link, and for an array that is not in the file."""
     h5py = library()
     # Not `name in group`, which follows links.
     if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite import checks, files
+from kitchen_suite import files
 from kitchen_suite.datasets import hdf5, minari
 from kitchen_suite.datasets.d4rl import POSITIONS
 from kitchen_suite.entities import Scene

@@ -172,7 +172,9 @@ class Episode:
                 raise ValueError(f"{name} of episode {self.index} has {found} in a control step, not {own}")
             known = array[np.isfinite(array)] if is_partial and name != "action" else array
             if not np.isfinite(known).all() or np.abs(known).max(initial=0) > MAX_VALUE:
-                raise ValueError(f"{name} of episode {self.index} has numbers that are not finite, or above {MAX_VALUE:g}")
+                raise ValueError(
+                    f"{name} of episode {self.index} has numbers that are not finite, or above {MAX_VALUE:g}"
+                )
 
     @property
     def last_info(self) -> dict[str, NDArray]:
@@ -190,7 +192,9 @@ def _part(name: str) -> str:
 
 def _check_names(names: Collection[str]) -> None:
     """Raises a ValueError for a name that is too deep or has empty parts, or that is a group of other names as well."""
-    groups = {"/".join(parts[:depth]) for parts in (name.split("/") for name in names) for depth in range(1, len(parts))}
+    groups = {
+        "/".join(parts[:depth]) for parts in (name.split("/") for name in names) for depth in range(1, len(parts))
+    }
     for name in names:
         parts = name.split("/")
         if len(parts) > _MAX_DEPTH or not all(parts):

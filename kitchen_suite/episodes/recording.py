@@ -77,7 +77,7 @@ class Recording:
 
     @contextlib.contextmanager
     def withdrawn_without_episodes(self) -> Iterator[None]:
-        """Context in which the policy acts: if it cannot, and there is no episode yet, nothing is left in the folder."""
+        """Context in which the policy acts: if it cannot, and there is no episode yet, nothing is left behind."""
         try:
             yield
         except PolicyError:

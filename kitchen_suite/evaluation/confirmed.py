@@ -1,4 +1,4 @@
-"""What an evaluation, or a check of its receipt, is about, in a line: its protocol, and all that is not the protocol's."""
+"""The subject of an evaluation, or of the check of a receipt, in a line: protocol, replaced values, caveats."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

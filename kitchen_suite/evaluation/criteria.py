@@ -164,7 +164,7 @@ def goal_reached(states: States, goals: States) -> bool:
 
 
 def holds_at_start(options: Mapping[str, Any]) -> bool:
-    """Returns whether the last goal state of a reset's options is reached where these options have the episode start."""
+    """Returns whether the last goal state of a reset's options is reached where they have the episode start."""
     if not {"start_state", "goal_states"} <= options.keys():
         return False
     start, goal = np.array(options["start_state"]), np.array(options["goal_states"][-1])

@@ -77,6 +77,8 @@ class SuiteEnv(gymnasium.Env):
     goal_options: ClassVar[tuple[str, ...]] = ()
     environment_options: ClassVar[Mapping[str, Any]] = {}
 
+    _arguments: tuple[tuple[Any, ...], dict[str, Any]]
+
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """Stores the arguments, from which copies are built."""
         self = super().__new__(cls)

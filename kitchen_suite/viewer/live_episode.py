@@ -128,7 +128,9 @@ class LiveEpisode:
         }
         for name, value in self._environment.task.episode_metrics.items():
             if not isinstance(value, dict):
-                numbers[escaped(name.replace("_", " "))] = ("no", "yes")[value] if isinstance(value, bool) else f"{value:.3f}"
+                numbers[escaped(name.replace("_", " "))] = (
+                    ("no", "yes")[value] if isinstance(value, bool) else f"{value:.3f}"
+                )
         return numbers
 
     def close(self) -> None:

@@ -191,7 +191,7 @@ class TeleoperatedEpisode(LiveEpisode):
 
 
 class SeedTakenError(ValueError):
-    """An episode of the same seed has been saved, by this viewer or another one; the message names the file of this one."""
+    """An episode of the same seed has been saved already; the message names the file of this one."""
 
 
 class Collection:

@@ -1,4 +1,4 @@
-"""Arguments of generated kitchens without files: designs that are read, and tasks that a user's own certificate lists."""
+"""Arguments of generated kitchens without files: designs that are read, tasks that a user's certificate lists."""
 
 import os
 from collections.abc import Mapping, Sequence

@@ -106,7 +106,8 @@ class GeneratedKitchenTask(SuiteTask):
           verbs: keys of `VERBS`; an episode asks for parts of these.
           tasks_per_episode: number of parts that an episode asks for, or a pair of the least and greatest number.
           certified: whether episodes ask only for what the scripted expert has completed by joint velocities in `fast`
-            physics, as the kitchen's certificate says; or only for tasks of these names, such as `open drawers_1/drawer_2`.
+            physics, as the kitchen's certificate says; or only for tasks of these names, such as
+            `open drawers_1/drawer_2`.
           num_slots: number of slots that are observed, and greatest number of parts that an episode may ask for.
             Requested parts come first, so with few slots a policy sees little of a kitchen but what it is asked for.
           reward: `sparse`, or `dense` or `dense_gain` as in the kitchen.

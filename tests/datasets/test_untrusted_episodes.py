@@ -77,7 +77,7 @@ def forge(runs, tmp_path):
         if "action" in changed:
             changed_episode = Episode(index=0, seed=0, arrays=changed)
             metadata["actions_sha256"] = changed_episode.actions_sha256
-        np.savez_compressed(path, **{name: array for name, array in changed.items()}, metadata=json.dumps(metadata))
+        np.savez_compressed(path, **changed, metadata=json.dumps(metadata))
         return folder
 
     return forge

@@ -170,7 +170,9 @@ def test_a_receipt_of_zero_actions_that_succeed_says_so(run, tmp_path):
     easy = '--task_kwargs={"threshold": 10}'
     status, out, _ = run(evaluate, *flags, easy, "--receipt=a.npz", "--json=a.json")
     assert status == 0
-    assert "values replaced: num_episodes 2, not 200; max_episode_steps 5, not 280; threshold 10, not the default" in out
+    assert (
+        "values replaced: num_episodes 2, not 200; max_episode_steps 5, not 280; threshold 10, not the default" in out
+    )
     status, out, _ = run(replay, "a.npz", "--published=a.json")
     first, *lines = out.splitlines()
     assert status == 0

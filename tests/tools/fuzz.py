@@ -6,8 +6,8 @@ python tests/tools/fuzz.py receipts --seed=1234 --count=1    one change again
 
 A change is one of a seed: of the bytes of a valid file, or of what is in it, with all digests made anew. It may be
 refused, by an OSError or a ValueError, or be read. A finding is another exception, a message of more than a line, the
-end of the process by a signal, more than 2 GiB of memory, or a read of more than a minute. The exit status is 1 if there
-is any.
+end of the process by a signal, more than 2 GiB of memory, or a read of more than a minute. The exit status is 1 if
+there is any.
 """
 
 import abc
@@ -132,7 +132,9 @@ def edited_bytes(contents: bytes, generator: np.random.Generator) -> bytes:
             flipped[place] ^= 1 << int(generator.integers(8))
         return bytes(flipped)
     random = generator.bytes(len(middle))
-    return (head, head + tail, head + middle * 2 + tail, head + bytes(len(middle)) + tail, head + random + tail)[kind - 1]
+    return (head, head + tail, head + middle * 2 + tail, head + bytes(len(middle)) + tail, head + random + tail)[
+        kind - 1
+    ]
 
 
 def edited_arrays(arrays: Mapping[str, NDArray], generator: np.random.Generator) -> dict[str, NDArray]:
@@ -227,7 +229,9 @@ class Receipts(ArraysReader):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        source = min((ROOT / "docs" / "experiments" / "results" / "receipts").glob("*.npz"), key=lambda e: e.stat().st_size)
+        source = min(
+            (ROOT / "docs" / "experiments" / "results" / "receipts").glob("*.npz"), key=lambda e: e.stat().st_size
+        )
         shutil.copy(source, self.path)
 
     @property
@@ -291,7 +295,9 @@ class Certificates(Reader):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        lines = (Path(certificates.__file__).parent / "certificates" / "train.jsonl").read_bytes().splitlines(keepends=True)
+        lines = (
+            (Path(certificates.__file__).parent / "certificates" / "train.jsonl").read_bytes().splitlines(keepends=True)
+        )
         self.path.write_bytes(b"".join(lines[:3]))
 
     @property
@@ -429,7 +435,9 @@ def check(reader: Reader, valid: bytes, seed: int) -> str:
     except REFUSALS as error:
         message = str(error)
         if len(message) > MAX_MESSAGE or "\n" in message:
-            return f"a message of {len(message)} characters, {message.count(chr(10))} of them new lines: {message[:200]!r}"
+            return (
+                f"a message of {len(message)} characters, {message.count(chr(10))} of them new lines: {message[:200]!r}"
+            )
     except Exception:
         return traceback.format_exc(limit=-4)
     finally:
