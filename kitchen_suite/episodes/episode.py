@@ -171,7 +171,7 @@ class Episode:
                 found, own = (f"{each.dtype.kind}{list(each.shape[-len(space.shape) :])}" for each in (array, space))
                 raise ValueError(f"{name} of episode {self.index} has {found} in a control step, not {own}")
             known = array[np.isfinite(array)] if is_partial and name != "action" else array
-            if not np.isfinite(known).all() or np.abs(known).max(initial=0) > MAX_VALUE:
+            if not np.isfinite(known).all() or float(np.abs(known).max(initial=0)) > MAX_VALUE:
                 raise ValueError(
                     f"{name} of episode {self.index} has numbers that are not finite, or above {MAX_VALUE:g}"
                 )

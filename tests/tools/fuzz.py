@@ -12,6 +12,7 @@ there is any.
 
 import abc
 import argparse
+import contextlib
 import copy
 import hashlib
 import io
@@ -445,14 +446,18 @@ def check(reader: Reader, valid: bytes, seed: int) -> str:
     return ""
 
 
-def work(name: str, seed: int, count: int, end: float, current: Any) -> None:
-    """Checks the changes of seeds until a time; a process of its own, which ends at the first finding."""
-    # What commands print is of no interest.
+def work(name: str, seed: int, count: int, left: Any, current: Any) -> None:
+    """Checks the changes of seeds for the time that is left; a process of its own, which ends at the first finding."""
     with tempfile.TemporaryDirectory() as folder:
-        reader = READERS[name](Path(folder))
+        # What commands print is of no interest.
+        with contextlib.redirect_stdout(io.StringIO()):
+            reader = READERS[name](Path(folder))
         valid = reader.path.read_bytes()
         reader.read()
+        now = time.monotonic()
         for each in range(seed, seed + count):
+            left.value -= time.monotonic() - now
+            now = time.monotonic()
             current.value = each
             problem = check(reader, valid, each)
             if not problem and resource.getrusage(resource.RUSAGE_SELF).ru_maxrss > MAX_MEMORY:
@@ -460,17 +465,18 @@ def work(name: str, seed: int, count: int, end: float, current: Any) -> None:
             if problem:
                 print(f"{name}, seed {each}: {problem}", flush=True)
                 sys.exit(1)
-            if time.monotonic() > end:
+            if left.value <= 0.0:
                 return
 
 
 def fuzz(name: str, seed: int, count: int, minutes: float) -> tuple[int, int]:
     """Reads changed files of a kind for some minutes; returns the numbers of files and of findings."""
     context = multiprocessing.get_context("spawn")
-    current, end, first, findings = context.Value("q", seed - 1), time.monotonic() + 60 * minutes, seed, 0
-    last = seed + count
-    while first < last and time.monotonic() < end:
-        process = context.Process(target=work, args=(name, first, last - first, end, current))
+    current = context.Value("q", seed - 1)
+    left = context.Value("d", 60.0 * minutes)
+    first, last, findings = seed, seed + count, 0
+    while first < last and left.value > 0.0:
+        process = context.Process(target=work, args=(name, first, last - first, left, current))
         process.start()
         process.join()
         if process.exitcode == 0:
