@@ -513,7 +513,7 @@ def test_conditions_keep_their_names(run, tmp_path):
     dataclasses.replace(receipt, evaluation=evaluation, results=results, traces=traces).write(path)
     status, _, err = run(replay, "a.npz")
     assert status == 1
-    assert "are not the protocol's values" in err
+    assert "'partial' is no condition of protocol 'd4rl' with the task 'complete'" in err
 
 
 def test_an_episode_that_goes_on_is_not_played_to_its_end(run, short, tmp_path):
