@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from absl import flags
 
-from kitchen_suite import checks, files
+from kitchen_suite import checks, files, imports
 from kitchen_suite.names import PHYSICS
 from kitchen_suite.rendering import gl
 
@@ -163,6 +163,19 @@ def environment_kwargs(given: flags.FlagValues) -> dict[str, Any]:
     from kitchen_suite.episodes.spec import merged_kwargs
 
     return merged_kwargs(given.task_kwargs, {name: given[name].value for name in _ENVIRONMENT_FLAGS})
+
+
+def custom(values: flags.FlagValues) -> None:
+    """Defines the code of a user's own that files may name."""
+    text = "Domains and robots of your own, as module:NAME and separated by commas, that the files may name."
+    flags.DEFINE_list("custom", [], text, values)
+
+
+def import_custom(given: flags.FlagValues, *others: object) -> None:
+    """Imports what `custom` names, and those of some `others` that are `module:NAME`, so that files may name it."""
+    for name in (*given.custom, *others):
+        if isinstance(name, str) and ":" in name:
+            imports.named(name, "custom")
 
 
 def policy(values: flags.FlagValues, *, default: str | None = "random") -> None:

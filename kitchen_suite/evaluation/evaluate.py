@@ -21,13 +21,14 @@ from kitchen_suite.episodes.play import Controller, SingleRollout, VectorEpisode
 from kitchen_suite.episodes.report import TABLE_FORMATS, EpisodeBar, paragraph, print_line
 from kitchen_suite.episodes.spec import EpisodeSpec, even_count, reset_to_seed
 from kitchen_suite.evaluation import criteria, receipts, tables
+from kitchen_suite.evaluation.confirmed import format_changes
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, check_robot, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipts import Receipt, Trace, TraceRecorder
 from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies import TIMESTEP, PolicyRef
+from kitchen_suite.policies import TIMESTEP, PolicyError, PolicyRef
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -149,7 +150,8 @@ def evaluate(
     if receipt is not None and not all(result.trace for result in folder.results.values()):
         raise ValueError(f"{output} has episodes without actions, so that no receipt can be written")
     if verbose:
-        print_line(paragraph(tables.format_heading(plan), table_format))
+        heading = "\n".join(filter(None, [tables.format_heading(plan), format_changes(plan)]))
+        print_line(paragraph(heading, table_format))
     results = {}
     successes = sum(result.success for result in folder.results.values())
     with EpisodeBar(len(_seeds(plan)), len(folder.results), successes) as bar:
@@ -162,7 +164,7 @@ def evaluate(
                     threads = num_threads or 1
                     arguments = (name, plan, reference, num_envs, threads, recorded)
                     played = cluster.run(_play_part, arguments, waiting, num_cpus=threads)
-                with contextlib.closing(played):
+                with _withdrawn_without_results(folder), contextlib.closing(played):
                     for result in played:
                         folder.add(result)
                         bar.count(result.success)
@@ -179,6 +181,16 @@ def evaluate(
     if receipt is not None:
         evaluation.write_receipt(Path(receipt))
     return evaluation
+
+
+@contextlib.contextmanager
+def _withdrawn_without_results(folder: EvaluationFolder) -> Iterator[None]:
+    """Context in which the policy acts: if it cannot, and there is no result yet, nothing is left in the folder."""
+    try:
+        yield
+    except PolicyError:
+        folder.withdraw()
+        raise
 
 
 def _seeds(plan: EvaluationPlan) -> dict[Key, int]:
