@@ -20,6 +20,7 @@ import argparse
 import concurrent.futures
 import contextlib
 import dataclasses
+import functools
 import itertools
 import json
 import math
@@ -28,19 +29,19 @@ import os
 import platform
 import statistics
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from benchmark_cases import DOMAINS, ENVPOOL, BareBatch, BenchmarkDomain
+from benchmark_cases import DOMAINS, ENVPOOL, BareBatch, BenchmarkDomain, Control
 from benchmark_tables import command_line, plain, versions
 from experiment import RESULTS, make_parser, numbers, positive, resident_memory
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite.rendering import gl
-from kitchen_suite.vector_env.base import SuiteVectorEnv, processors
+from kitchen_suite.vector_env.base import processors
 
 # Vectorised environments of each domain, by the names that `BenchmarkDomain.vector_env` takes.
 MEASURED = {"kitchen": ("vectorised", "vectorised, fast physics"), "open_cabinet": ("vectorised",)}
@@ -87,16 +88,16 @@ class Cell:
       name: of their kind, with the domain.
       num_envs: number of environments.
       num_threads: number of threads that step them.
-      environments: the environments.
-      bare: MuJoCo's batch of the same simulations; None if there is none.
+      build: builds the environments.
+      control: sets the controls of MuJoCo's batch of the same simulations; None if that is not measured.
       actions: `(k, num_envs, n)`, actions of `k` control steps, which are repeated.
     """
 
     name: str
     num_envs: int
     num_threads: int
-    environments: Environments
-    bare: BareBatch | None
+    build: Callable[[], Any]
+    control: Control | None
     actions: NDArray[np.float64]
 
     @property
@@ -124,8 +125,8 @@ def thread_counts(count: int) -> tuple[int, ...]:
     return (*(2**power for power in range(math.ceil(math.log2(count)))), count)
 
 
-def make_cells(stack: contextlib.ExitStack, num_envs: Sequence[int], num_threads: Sequence[int]) -> Iterator[Cell]:
-    """Yields all cells; a context of the stack closes them."""
+def make_cells(num_envs: Sequence[int], num_threads: Sequence[int]) -> Iterator[Cell]:
+    """Yields all cells without pictures."""
     rng = np.random.default_rng(0)
     for domain_name, measured in MEASURED.items():
         domain = DOMAINS[domain_name]
@@ -134,33 +135,26 @@ def make_cells(stack: contextlib.ExitStack, num_envs: Sequence[int], num_threads
         for name, count, threads in itertools.product(names, num_envs, num_threads):
             if name == ENVPOOL and count > MAX_ENVPOOL:
                 continue
-            environments: Any = stack.enter_context(contextlib.closing(domain.vector_env(name, count, threads)))
-            environments.reset(seed=0)
-            bare = None
-            if isinstance(environments, SuiteVectorEnv):
-                bare = stack.enter_context(contextlib.closing(BareBatch(environments, threads, domain.control)))
             yield Cell(
                 name=f"{domain_name}: {name}",
                 num_envs=count,
                 num_threads=threads,
-                environments=environments,
-                bare=bare,
+                build=functools.partial(domain.vector_env, name, count, threads),
+                control=None if name == ENVPOOL else domain.control,
                 actions=drawn[count],
             )
 
 
-def pixel_cell(stack: contextlib.ExitStack, num_threads: int) -> Cell:
+def pixel_cell(num_threads: int) -> Cell:
     """Returns the cell of kitchens that observe pictures, which one thread renders."""
     domain = DOMAINS["kitchen"]
-    build = domain.domain.vector_env_class
-    options = {**domain.options, **_PIXEL_OPTIONS}
-    environments = stack.enter_context(contextlib.closing(build(PIXEL_ENVS, num_threads=num_threads, **options)))
+    options = {"num_threads": num_threads, **domain.options, **_PIXEL_OPTIONS}
     return Cell(
         name=f"kitchen: {PIXELS}",
         num_envs=PIXEL_ENVS,
         num_threads=num_threads,
-        environments=environments,
-        bare=None,
+        build=functools.partial(domain.domain.vector_env_class, PIXEL_ENVS, **options),
+        control=None,
         actions=domain.draw_actions(np.random.default_rng(0), (_DRAWN, PIXEL_ENVS)),
     )
 
@@ -242,24 +236,32 @@ def measure(
     """Measures all cells within some time; returns their rows."""
     deadline = time.monotonic() + 60.0 * minutes
     memory = measure_memory(num_envs)
-    with contextlib.ExitStack() as stack:
-        cells = [*tqdm(make_cells(stack, num_envs, num_threads), desc="build", unit="cell", disable=None)]
-        if can_render():
-            cells.append(pixel_cell(stack, max(num_threads)))
-        played = [(cell, each) for cell in cells for each in (cell.environments, cell.bare) if each is not None]
-        seconds = max(deadline - time.monotonic(), 0.0) / (rounds * len(played))
-        of_cells: dict[tuple[str, int, int], list[Visit]] = {cell.key: [] for cell in cells}
-        of_bare: dict[tuple[str, int, int], list[Visit]] = {cell.key: [] for cell in cells}
-        for _ in tqdm(range(rounds), unit="round", disable=None):
-            for cell, environments in played:
-                visits = of_bare if environments is cell.bare else of_cells
-                visits[cell.key].append(play(environments, cell.actions, seconds))
-        rows = []
+    cells = [*make_cells(num_envs, num_threads)]
+    if can_render():
+        cells.append(pixel_cell(max(num_threads)))
+    plays = sum(1 if cell.control is None else 2 for cell in cells)
+    of_cells: dict[tuple[str, int, int], list[Visit]] = {cell.key: [] for cell in cells}
+    of_bare: dict[tuple[str, int, int], list[Visit]] = {cell.key: [] for cell in cells}
+    building = 0.0
+    for number in tqdm(range(rounds), unit="round", disable=None):
+        # Building, which takes as long as in the round before, is part of the time of a round.
+        seconds = max((deadline - time.monotonic()) / (rounds - number) - building, 0.0) / plays
+        building = 0.0
         for cell in cells:
-            single = (cell.name, cell.num_envs, 1)
-            row = row_of(cell, of_cells[cell.key], of_bare[cell.key], of_cells.get(single, []))
-            bare_efficiency = efficiency(of_bare[cell.key], of_bare.get(single, []), cell.num_threads)
-            rows.append({**row, "bare_efficiency": bare_efficiency, "memory": memory.get(cell.name)})
+            started = time.monotonic()
+            with contextlib.closing(cell.build()) as environments:
+                environments.reset()
+                building += time.monotonic() - started
+                of_cells[cell.key].append(play(environments, cell.actions, seconds))
+                if cell.control is not None:
+                    with contextlib.closing(BareBatch(environments, cell.num_threads, cell.control)) as bare:
+                        of_bare[cell.key].append(play(bare, cell.actions, seconds))
+    rows = []
+    for cell in cells:
+        single = (cell.name, cell.num_envs, 1)
+        row = row_of(cell, of_cells[cell.key], of_bare[cell.key], of_cells.get(single, []))
+        bare_efficiency = efficiency(of_bare[cell.key], of_bare.get(single, []), cell.num_threads)
+        rows.append({**row, "bare_efficiency": bare_efficiency, "memory": memory.get(cell.name)})
     return rows
 
 
