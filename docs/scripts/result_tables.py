@@ -37,7 +37,7 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def benchmark_table(name: str) -> str:
-    """Returns the tables of a result of `benchmarks.py --json` or `rendering.py --json` in docs/experiments."""
+    """Returns the tables of a result of `benchmarks.py`, `rendering.py` or `scaling.py` in docs/experiments."""
     return benchmark_tables.markdown(read_results(name))
 
 
@@ -147,6 +147,27 @@ def training_table() -> str:
         if row["task"] != _ONE
     ]
     return markdown(("task", "seed", "control steps", "minutes", "processor minutes", "successes"), rows)
+
+
+def drawer_table() -> str:
+    """Returns the table of how long policies that open the drawer are trained, here and elsewhere."""
+    runs = [row for row in read_results("training") if row["task"] == "top_drawer"]
+    seconds = [60.0 * row["minutes"] for row in runs]
+    successes = [row["success"][0] for row in runs]
+    (episodes,) = {row["episodes"] for row in runs}
+    (processors,) = {row["processors"] for row in runs}
+    rows = [
+        (
+            f"`kitchen-train --domain_name=open_cabinet`, {len(runs)} seeds",
+            f"{processors} processors",
+            f"{min(seconds):.0f} to {max(seconds):.0f}",
+            f"{min(successes) / episodes:.0%} to {max(successes) / episodes:.0%}",
+        )
+    ]
+    for row in read_results("drawer_elsewhere"):
+        where = f"a GPU, {row['environments']} environments"
+        rows.append((f"[{row['training']}]({row['source']})", where, f"{row['seconds']:.0f}", f"{row['success']:.0%}"))
+    return markdown(("training", "on", "seconds", "success"), rows)
 
 
 def network_table() -> str:
@@ -899,6 +920,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "training_network": network_table,
     "training_sequences": sequence_table,
     "training_speed": training_speed_table,
+    "training_drawer": drawer_table,
     "variations_experts": varied_expert_table,
     "variations_layouts": layout_table,
     "variations_speed": variation_speed_table,
@@ -939,8 +961,11 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "fast_random": fast_random_table,
     "kitchen_rendering_card": functools.partial(benchmark_table, "kitchen_rendering_card"),
     **{
-        f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")
-        for domain in ("kitchen", "open_cabinet")
-        for measure in benchmark_tables.TABLES
+        name: functools.partial(benchmark_table, name)
+        for name in (
+            *(f"{domain}_{each}" for domain in ("kitchen", "open_cabinet") for each in ("speed", "soak", "rendering")),
+            "scaling",
+            "warp",
+        )
     },
 }
