@@ -1,5 +1,7 @@
 """The robots that the suite has, by name."""
 
+import functools
+import hashlib
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -28,6 +30,16 @@ def robot_spec(robot: str | RobotSpec) -> RobotSpec:
     if not isinstance(specification, RobotSpec):
         raise ValueError(f"robot {checks.shown(robot)} must be a RobotSpec, got {checks.shown(specification)}")
     return specification
+
+
+@functools.cache
+def model_digest(robot: str) -> str:
+    """Returns the first 16 hexadecimal digits of the SHA-256 of the MJCF of a named robot, without visual geoms.
+
+    It depends on the meshes as well, since their names in the MJCF have digests of their contents.
+    """
+    text = make_robot(robot, visuals=False).mjcf_model.to_xml_string()
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def make_robot(robot: str | RobotSpec, *, visuals: bool = True) -> Robot:

@@ -123,9 +123,7 @@ def _replay(given: FlagValues, path: Path) -> "Verdict":
 
 def _versions(recording: "Recording") -> str:
     """Returns a line for each package of which another version is here."""
-    from kitchen_suite.versions import installed_versions
-
-    here, there = installed_versions(), recording.spec.versions
+    here, there = recording.spec.current_versions, recording.spec.versions
     differing = [name for name in here if here[name] != there.get(name)]
     return "".join(f"recorded with {name} {there.get(name)}, here {here[name]}\n" for name in differing)
 

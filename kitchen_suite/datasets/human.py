@@ -117,7 +117,11 @@ class MinariData:
         self._dataset, self._name = dataset, name
         with files.reading(dataset.storage.data_path, "the metadata of a dataset"):
             environment = dataset.env_spec and dataset.env_spec.id
-            self.contents = {"episodes": dataset.total_episodes, "steps": dataset.total_steps}
+            self.contents = {
+                "episodes": dataset.total_episodes,
+                "steps": dataset.total_steps,
+                "sha256": minari.data_digest(dataset),
+            }
         if environment != _ORIGINAL_ID:
             raise ValueError(f"{name} is a dataset of {environment}, not of {_ORIGINAL_ID}: no recording is made of it")
 

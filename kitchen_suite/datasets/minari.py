@@ -157,6 +157,11 @@ def _check_data(data: Path) -> None:
         raise OSError(f"{data} does not hold a Minari dataset in HDF5, the format that is read")
 
 
+def data_digest(dataset: Any) -> str:
+    """Returns the SHA-256 of the file of all episodes of a dataset."""
+    return files.file_digest(dataset.storage.data_path / _DATA_FILE)
+
+
 def load_episode(dataset: Any, index: int) -> Any:
     """Returns an episode of a dataset as Minari has it; an OSError if it cannot be read, or is too large."""
     data_path = dataset.storage.data_path

@@ -14,6 +14,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, policies, suite
+from kitchen_suite.entities.arms import FRANKA, ROBOTS, model_digest
 from kitchen_suite.environment.random_states import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import has_pictures
@@ -92,13 +93,25 @@ class EnvironmentSpec:
         if path := policy.file():
             with files.reading(path, "a trained policy"):
                 digest = files.file_digest(path)
-        versions = installed_versions()
         return EpisodeSpec(
-            **vars(self), policy=policy.text, seed=seed, seeding=seeding, versions=versions, policy_sha256=digest
+            **vars(self),
+            policy=policy.text,
+            seed=seed,
+            seeding=seeding,
+            versions=self.current_versions,
+            policy_sha256=digest,
         )
 
     def as_json(self) -> dict[str, Any]:
         return json.loads(json.dumps(dataclasses.asdict(self)))
+
+    @property
+    def current_versions(self) -> dict[str, str]:
+        """Versions of the packages here, and the digest of the model of an arm that another package or a user has."""
+        robot = self.task_kwargs.get("robot", FRANKA)
+        if robot == FRANKA or not isinstance(robot, str) or not (robot in ROBOTS or ":" in robot):
+            return installed_versions()
+        return {**installed_versions(), f"robot {robot}": model_digest(robot)}
 
     @property
     def env_class(self) -> type[SuiteEnv]:
@@ -176,7 +189,7 @@ class EpisodeSpec(EnvironmentSpec):
     Attributes:
       policy: name of the policy, as `policies.find` takes it.
       seeding: one of `SEEDINGS`.
-      versions: by package.
+      versions: by package; with another arm than the package's own also the digest of its model.
       policy_sha256: SHA-256 of the file that the policy names, if it names one: another file is another policy.
       origin: where the episodes come from, if other programs recorded them; these have no seeds.
     """

@@ -21,7 +21,7 @@ from kitchen_suite.evaluation.plan import EvaluationPlan, resets_of
 from kitchen_suite.evaluation.receipts import ActionReplay, Receipt, Trace
 from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
-from kitchen_suite.versions import installed_versions, machine
+from kitchen_suite.versions import machine
 
 _VERDICTS = {
     Verdict.EQUAL: "the receipt holds: all numbers are equal to the bit, and all scores follow from them",
@@ -112,7 +112,7 @@ def verify(
             _check_goals(plan, dataset)
         if verbose:
             subject = format_subject(plan, _caveats(receipt, dataset))
-            print_line("\n".join([subject, tables.format_heading(plan), *_circumstances(receipt)]))
+            print_line("\n".join([subject, tables.format_heading(plan), *_circumstances(receipt, plan)]))
             if published is not None:
                 print_line(f"the published result {published} is that of the receipt")
         compared: dict[str, list[Comparison]] = {name: [] for name in plan.specs}
@@ -240,13 +240,13 @@ def _caveats(receipt: Receipt, dataset: Path | None) -> list[str]:
     return lines
 
 
-def _circumstances(receipt: Receipt) -> list[str]:
+def _circumstances(receipt: Receipt, plan: EvaluationPlan) -> list[str]:
     """Returns lines on versions and machine, and on what is not verified."""
     lines = [f"versions: {', '.join(f'{name} {each}' for name, each in receipt.evaluation['versions'].items())}"]
     given = {name for condition in receipt.evaluation["conditions"].values() for name in condition["task_kwargs"]}
     if unseen := sorted(given & _OF_PICTURES):
         lines.append(f"not verified, since none of the numbers depend on it: {', '.join(unseen)}")
-    here = {**installed_versions(), "processor": machine()}
+    here = {**plan.first.current_versions, "processor": machine()}
     there: Mapping[str, Any] = {**receipt.evaluation["versions"], "processor": receipt.machine}
     differing = [name for name in here if here[name] != there.get(name)]
     return [*lines, *(f"made with {name} {there.get(name)}, here {here[name]}" for name in differing)]

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import io
+import warnings
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -73,7 +74,9 @@ def load_last(folder: Path, check: Callable[[Checkpoint], None] = lambda checkpo
     paths = sorted(folder.glob(_PATTERN))
     for path in reversed(paths):
         try:
-            with files.reading(path, "a checkpoint"):
+            with files.reading(path, "a checkpoint"), warnings.catch_warnings():
+                # PyTorch warns of what is then refused.
+                warnings.simplefilter("ignore")
                 contents = torch.load(_checked(path.read_bytes()), weights_only=True)
                 checkpoint = files.parse(contents, Checkpoint, "a checkpoint")
                 check(checkpoint)

@@ -18,7 +18,6 @@ from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.names import EXTRA_PACKAGES
 from kitchen_suite.policies import PolicyBuilder, PolicyRef
-from kitchen_suite.versions import installed_versions
 from kitchen_suite.viewer.live_episode import Choice, LiveEpisode
 
 if TYPE_CHECKING:
@@ -253,7 +252,7 @@ def persons_episode(choice: Choice, recorded: EpisodeSpec | None = None, *, rend
     # Episodes have the numbers of their seeds. That recorded ones play again here is checked.
     steps = choice.max_episode_steps or _EPISODE_STEPS
     spec = dataclasses.replace(
-        spec, policy=other.text, policy_sha256=None, seed=0, versions=installed_versions(), max_episode_steps=steps
+        spec, policy=other.text, policy_sha256=None, seed=0, versions=spec.current_versions, max_episode_steps=steps
     )
     name = TELEOP
     if policy:

@@ -80,6 +80,7 @@ def test_a_minari_dataset_becomes_a_recording(name, folder, capsys):
     assert f"4 episodes of {name} (Minari), 40 control steps" in printed
     assert "velocities" not in printed
     specification = json.loads((folder / "human" / "recording.json").read_text())
+    assert len(specification["origin"].pop("sha256")) == 64
     assert specification["origin"] == {"format": "Minari", "source": name, "episodes": 4, "steps": 40}
     check_recording(*recorded(), velocities=True)
 

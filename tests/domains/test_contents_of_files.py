@@ -1,6 +1,7 @@
 """Files that change numbers are kept by content: designs, and a user's own certificates."""
 
 import copy
+import dataclasses
 import json
 import pickle
 import shutil
@@ -13,12 +14,15 @@ from helpers.errors import refused
 
 from kitchen_suite import suite
 from kitchen_suite.commands import evaluate, record, replay
+from kitchen_suite.entities import arms
 from kitchen_suite.entities.designs import KitchenDesign
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.plan import EvaluationPlan
 from kitchen_suite.evaluation.receipts import Receipt
+from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks.generated_kitchens import certificates
+from kitchen_suite.versions import installed_versions
 
 ID = "KitchenSuite/Kitchens-v1"
 FIRST, SECOND = (KitchenDesign.drawn(number, "train") for number in (0, 1))
@@ -163,3 +167,28 @@ def test_a_recording_is_readable_that_has_a_path(run, file):
     written["task_kwargs"]["design"] = str(file)
     path.write_text(json.dumps(written), encoding="utf-8")
     assert Recording.open(Path("runs")).spec.task_kwargs["design"] == str(file)
+
+
+@pytest.mark.parametrize(("robot", "package"), [("ur5e", "ogbench"), ("panda", "gym_hil")])
+def test_the_model_of_another_arm_is_in_the_specification_by_its_digest(robot, package, monkeypatch):
+    pytest.importorskip(package)
+    kwargs = {"robot": robot, "control_mode": "ee_delta_pose"}
+    environments = EnvironmentSpec.make("kitchen", "kettle", kwargs)
+    spec = environments.episodes(PolicyRef.parse("zero"), seed=0)
+    assert len(spec.versions[f"robot {robot}"]) == 16
+    assert environments.episodes(PolicyRef.parse("zero"), seed=0) == spec
+    own = EnvironmentSpec.make("kitchen", "kettle", {}).episodes(PolicyRef.parse("zero"), seed=0)
+    assert own.versions == installed_versions()
+    # Another file of the same name.
+    load = arms.ROBOTS[robot].load
+
+    def changed(*, visuals):
+        model = load(visuals=visuals)
+        model.find_all("geom")[-1].friction = (0.123, 0.005, 0.0001)
+        return model
+
+    other = {**arms.ROBOTS, robot: dataclasses.replace(arms.ROBOTS[robot], load=changed)}
+    monkeypatch.setattr(arms, "ROBOTS", other)
+    arms.model_digest.cache_clear()
+    assert environments.episodes(PolicyRef.parse("zero"), seed=0) != spec
+    arms.model_digest.cache_clear()

@@ -1,9 +1,16 @@
 """Certificates of generated kitchens: how they are made, their file, and episodes of what is certified."""
 
+import os
+import signal
+import sys
+import time
+
 import msgspec
 import numpy as np
 import pytest
+from docs_blocks import ROOT
 from docs_scripts import load_script
+from helpers.processes import open_process
 
 from kitchen_suite import suite
 from kitchen_suite.entities import KitchenDesign
@@ -212,3 +219,32 @@ def test_a_designs_digest_does_not_depend_on_its_name():
     design = KitchenDesign.drawn(5, "test")
     named = msgspec.structs.replace(design, name="another")
     assert certificates.design_digest(named) == certificates.design_digest(design)
+
+
+@pytest.mark.slow
+def test_an_interrupt_of_several_processes_keeps_what_is_finished_and_ends_them(tmp_path):
+    """Of a signal to the program alone, as a batch system sends it."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import multiprocessing\n"
+        "from kitchen_suite.evaluation.certification import write_certificates\n"
+        "if __name__ == '__main__':\n"
+        "    try:\n"
+        "        write_certificates('mine.jsonl', range(40), 'train', num_workers=2)\n"
+        "    except KeyboardInterrupt:\n"
+        "        print(len(multiprocessing.active_children()), flush=True)\n",
+        encoding="utf-8",
+    )
+    path = tmp_path / "mine.jsonl"
+    paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    with open_process([sys.executable, program.name], cwd=tmp_path, env={**os.environ, "PYTHONPATH": paths}) as process:
+        while not (path.exists() and certificates.read(path)):
+            assert process.poll() is None
+            time.sleep(0.2)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    assert (process.returncode, out) == (0, "0\n"), err
+    assert "Traceback" not in err
+    finished = certificates.read(path)
+    assert 1 <= len(finished) < 40
+    assert path.read_bytes().endswith(b"\n")

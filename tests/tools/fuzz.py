@@ -25,6 +25,7 @@ import sys
 import tempfile
 import time
 import traceback
+import warnings
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -448,6 +449,7 @@ def check(reader: Reader, valid: bytes, seed: int) -> str:
 
 def work(name: str, seed: int, count: int, left: Any, current: Any) -> None:
     """Checks the changes of seeds for the time that is left; a process of its own, which ends at the first finding."""
+    warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as folder:
         # What commands print is of no interest.
         with contextlib.redirect_stdout(io.StringIO()):
