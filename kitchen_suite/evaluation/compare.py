@@ -205,10 +205,11 @@ def _policy(played: PlayedEpisodes) -> dict[str, Any]:
 def _circumstances(comparison: PairedComparison) -> dict[str, Any]:
     first = comparison.first
     seeds = [result.seed for each in first.results.values() for result in each]
+    varied = {spec.variations for spec in first.specs.values()}
     return {
         "protocol": first.protocol,
         "domain_name": first.first.domain_name,
-        "variations": first.first.variations,
+        "variations": varied.pop() if len(varied) == 1 else "variations by condition",
         "episodes": len(comparison.all_pairs),
         "seed": min(seeds),
         "versions": dict(first.first.versions),

@@ -161,6 +161,12 @@ def test_conditions_are_paired_each_by_itself():
     assert [*record["conditions"]] == ["complete", "partial", "mixed"]
     assert record["wins"] == 3 * record["conditions"]["mixed"]["success"]["wins"] == 3 * 2
     assert "success by condition" in format_comparison(comparison)
+    assert record["variations"] == "variations none"
+
+
+def test_variations_that_differ_by_condition_are_not_those_of_the_first():
+    shift = evaluated(protocol="shift", num_episodes=1)
+    assert kitchen_suite.compare(shift, shift).as_json()["variations"] == "variations by condition"
 
 
 def test_several_policies_are_compared_in_all_pairs_with_holm():
