@@ -42,7 +42,7 @@ def test_every_task_has_an_id_of_its_own():
 
 
 def test_the_page_lists_every_id():
-    page = (Path(__file__).resolve().parents[2] / "docs" / "guide" / "moving.md").read_text("utf-8")
+    page = (Path(__file__).resolve().parents[2] / "docs" / "guide" / "migrating.md").read_text("utf-8")
     listed = page[page.index("## Ids") : page.index("## Unchanged interface")]
     names = {name.partition("/")[2] for name in (*gymnasium_env.IDS.values(), *gymnasium_env.TASK_IDS.values())}
     assert set(re.findall(r"\w+-v1", listed)) == names
