@@ -22,27 +22,16 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# Pairs of extras that cannot be installed together, with the reason.
-_PILLOW = "mjviser needs pillow 12, moviepy an older one"
-KNOWN_CONFLICTS: Mapping[frozenset[str], str] = {
-    frozenset({"clients", "web"}): _PILLOW,
-    frozenset({"browser", "clients"}): _PILLOW,
-}
-
 # Extras that need a newer Python than the suite; pip is not asked about them with an older one.
 NEWER_PYTHONS: Mapping[str, tuple[int, int]] = {"lerobot": (3, 12)}
 
-_HEADING = re.compile(r"^## (\S+) - (\S+)$", re.MULTILINE)
+# As https://keepachangelog.com has them, such as `## [1.0.0] - 2026-11-27`.
+_HEADING = re.compile(r"^## \[(\S+)\] - (\S+)$", re.MULTILINE)
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 # Of the shipped files, those that are easily forgotten.
 _IN_WHEEL = ("py.typed", ".npz", ".xml", "LICENSE", "NOTICE")
 _IN_SDIST = (*_IN_WHEEL, "setup.cfg", "pyproject.toml", "README.md")
-_LEFT_TO_THE_OWNER = """By hand, once all steps pass:
-  1. bash .ci/run, which includes all tests.
-  2. Project URLs in setup.cfg, `repository-code` in CITATION.cff, `site_url` in mkdocs.yml.
-  3. git tag v{version}, and push it.
-  4. Upload dist/* to the package index, and site/ to where the documentation is served.
-  5. A new heading in CHANGELOG.md, a new `__version__` and the version of CITATION.cff."""
+_LEFT_TO_THE_OWNER = "All steps passed; docs/development/releasing.md has what is done by hand."
 
 
 class ReleaseError(Exception):
@@ -105,30 +94,20 @@ def try_distributions(root: Path = ROOT) -> str:
 
 
 def build_site(root: Path = ROOT) -> str:
-    """Builds the documentation in an environment with the extra `docs` alone."""
-    with tempfile.TemporaryDirectory() as folder:
-        programs = _environment(Path(folder), f"{root}[docs]")
-        _run(
-            str(programs / "mkdocs"), "build", "--strict", "--quiet", "--site-dir", str(root / "site"), folder=str(root)
-        )
+    """Builds the documentation in an environment of its own."""
+    _run("bash", str(root / ".ci" / "stage"), "site", SITE=str(root / "site"))
     return "site/index.html"
 
 
 def check_extras(root: Path = ROOT) -> str:
-    """Checks by pip's resolver that all extras can be installed together, but for the known conflicts.
-
-    Pairs that are known to conflict are not tried: pip searches for very long before it refuses them.
-    """
-    sets = _largest_sets(extras(root))
-    for names in sets:
-        if _resolves(root, names):
-            continue
-        pairs = itertools.combinations(sorted(names), 2)
-        if refused := [" and ".join(pair) for pair in pairs if not _resolves(root, [*pair])]:
-            raise ReleaseError(f"cannot be installed together: {'; '.join(refused)}")
-        raise ReleaseError(f"{', '.join(names)} cannot be installed together, though any two of them can")
-    conflicts = [f"{' and '.join(sorted(pair))} not together ({reason})" for pair, reason in KNOWN_CONFLICTS.items()]
-    return "; ".join([*(f"together: {', '.join(names)}" for names in sets), *conflicts])
+    """Checks by pip's resolver that all extras can be installed together."""
+    names = extras(root)
+    if _resolves(root, names):
+        return f"together: {', '.join(names)}"
+    pairs = itertools.combinations(sorted(names), 2)
+    if refused := [" and ".join(pair) for pair in pairs if not _resolves(root, [*pair])]:
+        raise ReleaseError(f"cannot be installed together: {'; '.join(refused)}")
+    raise ReleaseError(f"{', '.join(names)} cannot be installed together, though any two of them can")
 
 
 def extras(root: Path = ROOT) -> list[str]:
@@ -146,13 +125,6 @@ STEPS: Mapping[str, Callable[[], str]] = {
     "docs": build_site,
     "extras": check_extras,
 }
-
-
-def _largest_sets(names: list[str]) -> list[list[str]]:
-    """Returns the largest sets of names that contain no pair with a known conflict."""
-    choices = {frozenset(left_out) for left_out in itertools.product(*KNOWN_CONFLICTS)}
-    least = [each for each in choices if not any(other < each for other in choices)]
-    return sorted([name for name in names if name not in left_out] for left_out in least)
 
 
 def _resolves(root: Path, names: list[str]) -> bool:
@@ -186,13 +158,14 @@ def _git(root: Path, *arguments: str) -> str:
     return _run("git", "-C", str(root), *arguments).strip()
 
 
-def _run(*command: str, folder: str | None = None) -> str:
-    """Runs a command without the variables that lead Python to this checkout; returns its output.
+def _run(*command: str, folder: str | None = None, **variables: str) -> str:
+    """Runs a command without the variables that lead Python to this checkout, and with others; returns its output.
 
     Raises:
       ReleaseError: it failed; with its output.
     """
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    environment |= variables
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         raise ReleaseError(f"{' '.join(command)}\n{done.stdout}{done.stderr}")
@@ -203,6 +176,7 @@ def main(arguments: list[str]) -> int:
     """Goes through the steps; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("steps", nargs="*", metavar="STEP", help=f"one of {', '.join(STEPS)}")
+    parser.add_argument("--version", action="version", version=version(), help="print the version of the package")
     chosen = parser.parse_args(arguments).steps or list(STEPS)
     if unknown := [name for name in chosen if name not in STEPS]:
         parser.error(f"there is no step {unknown[0]!r}; choose from {', '.join(STEPS)}")
@@ -213,7 +187,7 @@ def main(arguments: list[str]) -> int:
         except ReleaseError as problem:
             failures += 1
             print(f"[FAILED] {name}: {problem}", flush=True)
-    print(f"{failures} of {len(chosen)} steps failed" if failures else _LEFT_TO_THE_OWNER.format(version=version()))
+    print(f"{failures} of {len(chosen)} steps failed" if failures else _LEFT_TO_THE_OWNER)
     return min(failures, 1)
 
 

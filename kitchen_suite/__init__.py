@@ -37,7 +37,7 @@ if _TYPE_CHECKING:
     from kitchen_suite.evaluation.evaluate import evaluate as evaluate
     from kitchen_suite.evaluation.replay import replay as replay
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 _MODULES = ["entities", "environment", "gymnasium_env", "policies", "suite", "tasks", "vector_env"]
 _FUNCTIONS = {

@@ -1,16 +1,23 @@
-"""Chooses a GL library before MuJoCo is imported; where there is none, deselects the rendering tests and warns."""
+"""Chooses a GL library before MuJoCo is imported, and which tests are run: by their cost, and by what is here.
 
+A test that needs what is not here is deselected, and the summary says so.
+"""
+
+import collections
 import ctypes.util
 import gc
+import importlib.util
 import os
 import re
 import socket
+from typing import Any
 
 import pytest
 
 _LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
-_ADVICE = "install a GL library (Debian: libegl1 libgl1-mesa-dri, or libosmesa6) to run them"
-_DESELECTED = pytest.StashKey[int]()
+_GL = "a GL library"
+_ADVICE = "Debian has one in libegl1 and libgl1-mesa-dri, or in libosmesa6"
+_LACKING = pytest.StashKey[collections.Counter[str]]()
 
 if "MUJOCO_GL" not in os.environ:
     os.environ["MUJOCO_GL"] = next(
@@ -23,18 +30,70 @@ if "MUJOCO_GL" not in os.environ:
 gc.set_threshold(500_000, 5, 20)
 
 
+COSTS = ("quick", "full", "nightly")
+
+# What the tests of a marker import. Tests that need any of it cost as much as the full ones.
+REQUIREMENTS = {
+    "clients": ("torch", "stable_baselines3", "skrl", "torchrl", "shimmy", "ipykernel", "matplotlib"),
+    "torch": ("torch", "stable_baselines3"),
+    "ray": ("ray", "torch"),
+    "lerobot": ("lerobot",),
+    "web": ("viser", "mjviser"),
+    "browser": ("viser", "playwright"),
+    "vla_eval": ("vla_eval",),
+}
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--run", choices=COSTS, default=COSTS[0], help="which tests to run, by what they cost")
+
+
+def _cost(item: pytest.Item) -> int:
+    """Returns the place of a test's cost in `COSTS`."""
+    if item.get_closest_marker("nightly"):
+        return 2
+    return int(any(map(item.get_closest_marker, ("full", "loaders", *REQUIREMENTS))))
+
+
+def _missing(item: pytest.Item) -> str | None:
+    """Returns what a test needs and does not have here; None if it has everything."""
+    if item.get_closest_marker("rendering") and os.environ["MUJOCO_GL"] == "disable":
+        return _GL
+    if item.get_closest_marker("loaders") and "LOADERS_PYTHON" not in os.environ:
+        return "LOADERS_PYTHON"
+    for marker, modules in REQUIREMENTS.items():
+        if item.get_closest_marker(marker):
+            for module in modules:
+                if importlib.util.find_spec(module) is None:
+                    return module
+    return None
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if os.environ["MUJOCO_GL"] != "disable":
-        return
-    deselected = [item for item in items if item.get_closest_marker("rendering")]
-    items[:] = [item for item in items if item not in deselected]
-    config.hook.pytest_deselected(items=deselected)
-    config.stash[_DESELECTED] = len(deselected)
+    most = COSTS.index(config.getoption("--run"))
+    affordable = [item for item in items if _cost(item) <= most]
+    lacking = {item: missing for item in affordable if (missing := _missing(item))}
+    selected = [item for item in affordable if item not in lacking]
+    config.hook.pytest_deselected(items=[item for item in items if item not in {*selected}])
+    config.stash[_LACKING] = collections.Counter(lacking.values())
+    items[:] = selected
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["lacking"] = dict(session.config.stash[_LACKING])
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Keeps what a process of pytest-xdist has left out: all of them collect the same tests."""
+    node.config.stash[_LACKING] = collections.Counter(getattr(node, "workeroutput", {}).get("lacking", {}))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    if count := config.stash.get(_DESELECTED, 0):
-        terminalreporter.write_line(f"WARNING: {count} rendering tests were left out; {_ADVICE}", yellow=True)
+    for missing, count in config.stash.get(_LACKING, collections.Counter()).items():
+        advice = f"; {_ADVICE}" if missing == _GL else ""
+        terminalreporter.write_line(f"WARNING: {count} tests were left out, which need {missing}{advice}", yellow=True)
 
 
 @pytest.fixture

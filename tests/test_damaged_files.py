@@ -448,7 +448,7 @@ KINDS = {
 # PyTorch is not among what the default tests need.
 LONG = ["episodes", "Minari datasets"]
 QUICK = [name for name in KINDS if name not in (*LONG, "checkpoints")]
-NAMES = [*brief([*KINDS][:-1], QUICK, thorough=LONG), pytest.param("checkpoints", marks=pytest.mark.clients)]
+NAMES = [*brief([*KINDS][:-1], QUICK, full=LONG), pytest.param("checkpoints", marks=pytest.mark.clients)]
 
 
 @pytest.fixture(scope="module")
@@ -497,7 +497,7 @@ def test_a_damaged_file_is_refused_or_read_as_it_was(kinds, name, choice, damage
     check(kinds(name), choice, *damaged)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=400, derandomize=True, **COMMON)
 @given(choice=st.integers(0, 9), damaged=DAMAGED)

@@ -58,7 +58,7 @@ def test_a_clash_of_gl_and_triton_is_named(run, quick, monkeypatch, signal, word
     assert words in out
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_digests_are_compared_where_they_are_known(run, found, monkeypatch):
     assert found == dict(doctor.digests())
     assert len({*found.values()}) == len(found)

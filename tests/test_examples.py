@@ -32,10 +32,10 @@ OWN_TASKS = ("my_task", "my_kitchen_task", "mug", "my_lever", "my_control_mode",
 SERVER = "policy_server"
 MARKS = {
     "pixels": [pytest.mark.rendering],
-    "record_and_replay": [pytest.mark.thorough],
-    "my_arm": [pytest.mark.thorough],
+    "record_and_replay": [pytest.mark.full],
+    "my_arm": [pytest.mark.full],
     "imitate": [pytest.mark.clients],
-    "imitate_pictures": [pytest.mark.clients, pytest.mark.rendering, pytest.mark.slow],
+    "imitate_pictures": [pytest.mark.clients, pytest.mark.rendering, pytest.mark.nightly],
 }
 
 

@@ -1,6 +1,7 @@
 """The checklist of a release, `.ci/release.py`, and the files that it compares."""
 
 import importlib.util
+import re
 import subprocess
 from pathlib import Path
 
@@ -24,7 +25,9 @@ def repository(tmp_path):
     """A committed repository that is ready to be released."""
     (tmp_path / "kitchen_suite").mkdir()
     (tmp_path / "kitchen_suite" / "__init__.py").write_text('"""A package."""\n\n__version__ = "1.2.3"\n')
-    (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## 1.2.3 - 2027-01-31\n\n- All.\n\n## 1.2.2 - 2026-12-31\n")
+    (tmp_path / "CHANGELOG.md").write_text(
+        "# Changelog\n\n## [1.2.3] - 2027-01-31\n\n- All.\n\n## [1.2.2] - 2026-12-31\n"
+    )
     (tmp_path / "CITATION.cff").write_text("title: Kitchen Suite\nversion: 1.2.3\nlicense: Apache-2.0\n")
     git(tmp_path, "init", "--quiet")
     git(tmp_path, "add", "--all")
@@ -39,7 +42,7 @@ def git(folder, *arguments):
 
 def test_a_repository_that_is_ready_passes(release, repository):
     assert release.check_version(repository) == "1.2.3"
-    assert release.check_changelog(repository) == "## 1.2.3 - 2027-01-31"
+    assert release.check_changelog(repository) == "## [1.2.3] - 2027-01-31"
 
 
 def test_a_version_that_is_tagged_already_is_a_problem(release, repository):
@@ -61,7 +64,7 @@ def test_a_citation_of_another_version_is_a_problem(release, repository):
 
 
 @pytest.mark.parametrize(
-    ("heading", "message"), [("1.2.3 - unreleased", "no date"), ("1.2.2 - 2026-12-31", "newest heading")]
+    ("heading", "message"), [("[1.2.3] - unreleased", "no date"), ("[1.2.2] - 2026-12-31", "newest heading")]
 )
 def test_a_changelog_without_the_version_or_its_date_is_a_problem(release, repository, heading, message):
     (repository / "CHANGELOG.md").write_text(f"# Changelog\n\n## {heading}\n")
@@ -86,27 +89,14 @@ def refuse(release, monkeypatch, *conflicts):
 
 
 def test_a_conflict_of_extras_is_named(release, monkeypatch):
-    refuse(release, monkeypatch, ("ray", "docs"))
-    with pytest.raises(release.ReleaseError, match=r"cannot be installed together: docs and ray$"):
+    refuse(release, monkeypatch, ("ray", "web"))
+    with pytest.raises(release.ReleaseError, match=r"cannot be installed together: ray and web$"):
         release.check_extras()
 
 
-def test_a_known_conflict_of_extras_is_no_problem(release, monkeypatch):
-    refuse(release, monkeypatch, ("ray", "docs"))
-    monkeypatch.setattr(release, "KNOWN_CONFLICTS", {frozenset({"ray", "docs"}): "other versions of a library"})
-    *together, conflict = release.check_extras().split("; ")
-    assert conflict == "docs and ray not together (other versions of a library)"
-    sets = [set(text.removeprefix("together: ").split(", ")) for text in together]
-    everything = set(release.extras())
-    assert sorted(everything - names == {"ray"} for names in sets) == [False, True]
-    assert sorted(everything - names == {"docs"} for names in sets) == [False, True]
-
-
-def test_a_further_conflict_beside_a_known_one_is_a_problem(release, monkeypatch):
-    refuse(release, monkeypatch, ("ray", "docs"), ("ray", "train"))
-    monkeypatch.setattr(release, "KNOWN_CONFLICTS", {frozenset({"ray", "docs"}): "other versions of a library"})
-    with pytest.raises(release.ReleaseError, match=r"cannot be installed together: ray and train$"):
-        release.check_extras()
+def test_extras_that_pip_can_install_together_pass(release, monkeypatch):
+    refuse(release, monkeypatch)
+    assert release.check_extras() == f"together: {', '.join(release.extras())}"
 
 
 def test_the_exit_status_counts_problems(release, monkeypatch, capsys):
@@ -129,7 +119,7 @@ def test_the_citation_has_the_version_of_the_package(release):
 
 def test_hooks_run_the_commands_of_the_checks():
     hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
-    checks = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    checks = (ROOT / ".ci" / "stage").read_text(encoding="utf-8")
     for command, arguments in (
         ("ruff check", " ."),
         ("ruff format", " --check ."),
@@ -137,3 +127,23 @@ def test_hooks_run_the_commands_of_the_checks():
     ):
         assert command in hooks
         assert f"{command}{arguments}" in checks
+
+
+def stages():
+    """Returns the names of the stages, as `.ci/stage` lists them."""
+    listed = subprocess.run(["bash", str(ROOT / ".ci" / "stage")], capture_output=True, text=True, check=False)
+    assert listed.returncode == 2
+    return {*listed.stderr.split("one of ")[1].split()}
+
+
+def test_every_stage_is_run_somewhere_and_every_stage_that_is_run_exists():
+    called = re.findall(
+        r"^for stage in (.*); do$|bash \.ci/stage (\w+)", (ROOT / ".ci" / "run").read_text(), re.MULTILINE
+    )
+    run = {name for names in called for name in " ".join(names).split()}
+    workflows = [path.read_text(encoding="utf-8") for path in (ROOT / ".github" / "workflows").glob("*.yml")]
+    listed = {
+        name for text in workflows for found in re.findall(r"stage: \[(.*)\]", text) for name in found.split(", ")
+    }
+    assert run <= stages()
+    assert listed == stages()

@@ -60,14 +60,14 @@ class EnvironmentContract(test_utils.EnvironmentTestMixin):
 IN_EVERY_RUN = {("kitchen", "all"), ("open_cabinet", "bottom_drawer"), ("microwave_table", "open"), ("kitchens", "any")}
 every_task = pytest.mark.parametrize(
     ("domain", "task"),
-    [pair if pair in IN_EVERY_RUN else pytest.param(*pair, marks=pytest.mark.slow) for pair in suite.ALL_TASKS],
+    [pair if pair in IN_EVERY_RUN else pytest.param(*pair, marks=pytest.mark.nightly) for pair in suite.ALL_TASKS],
 )
 
 for _pair in suite.ALL_TASKS:
     _name = "TestContract_" + "_".join(_pair)
     globals()[_name] = type(_name, (EnvironmentContract, unittest.TestCase), {"pair": _pair})
     if _pair not in IN_EVERY_RUN:
-        globals()[_name] = pytest.mark.slow(globals()[_name])
+        globals()[_name] = pytest.mark.nightly(globals()[_name])
 
 
 def test_tables_agree():
@@ -227,7 +227,7 @@ def test_pixels_wraps_the_kitchen():
     assert timestep.observation["pixels"].std() > 20
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_hundred_thousand_random_steps_neither_warn_nor_leak(caplog):
     share = 100_000 // len(suite.ALL_TASKS)
     sizes = []

@@ -1,4 +1,6 @@
-"""Runs docs/examples/kitchen.ipynb and stores its outputs in it. Needs the extras notebook, experts and record.
+"""Runs docs/examples/kitchen.ipynb and stores its outputs in it.
+
+Needs the extras experts and record, and the group notebook.
 
 python docs/scripts/notebook.py
 

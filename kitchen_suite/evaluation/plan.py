@@ -82,10 +82,11 @@ class EvaluationPlan:
 
     @property
     def score(self) -> Score | None:
-        """The published score of the protocol, if it has one, unless the episodes are of other tasks."""
+        """The published score of the protocol, if it has one, unless the episodes ask for other tasks."""
         protocol = PROTOCOLS[self.protocol]
-        own_tasks = {condition.task_name for condition in protocol.conditions}
-        return protocol.score if {spec.task_name for spec in self.specs.values()} <= own_tasks else None
+        own = [_tasks_of(condition.task_name, condition.task_kwargs) for condition in protocol.conditions]
+        found = [_tasks_of(spec.task_name, spec.task_kwargs) for spec in self.specs.values()]
+        return protocol.score if all(each in own for each in found) else None
 
     def reset_options(self, name: str, index: int) -> dict[str, Any]:
         return self.resets[name][index] if name in self.resets else {}
@@ -243,6 +244,11 @@ def _unprepared(policy: PolicyRef, protocol: str, replaced: Replaced) -> Evaluat
     count = found.num_episodes if replaced.num_episodes is None else replaced.num_episodes
     checks.integer(count, "num_episodes", minimum=1, maximum=checks.MAX_COUNT)
     return EvaluationPlan(protocol=found.name, specs=_specs(policy, found, replaced), num_episodes=count)
+
+
+def _tasks_of(task_name: str | None, task_kwargs: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Returns what decides for which tasks the episodes of a condition ask."""
+    return task_name, *(json.dumps(task_kwargs.get(name)) for name in ("tasks_to_complete", "tasks_per_episode"))
 
 
 def _values(plan: EvaluationPlan) -> dict[str, Any]:

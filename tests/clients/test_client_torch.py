@@ -1,6 +1,7 @@
 """PyTorch and images in one process, in any order: PyTorch's triton and Mesa's driver each bring an LLVM.
 
-`.ci/torch` runs these tests beside PyTorch as PyPI serves it, which brings triton; its build for the CPU has none.
+`bash .ci/stage torch` runs these tests beside PyTorch as PyPI serves it, which brings triton; its build for the CPU has
+none.
 """
 
 import itertools

@@ -143,7 +143,7 @@ def test_a_command_loads_a_domain_of_the_users_own(name, capsys):
     assert "own_table" in suite.DOMAINS
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_a_recording_of_a_users_own_domain_is_replayed_and_completed_by_other_processes(own_domain):
     for arguments in (
         ["record", "--output=runs", *TINY_OWN],
@@ -305,14 +305,14 @@ ODD = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @settings(max_examples=100, **ODD)
 @given(line=command_lines())
 def test_odd_arguments_end_in_one_line(folder, line):
     check(folder, line)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @settings(max_examples=1_000, **ODD)
 @given(line=command_lines())
 def test_a_thousand_odd_arguments_end_in_one_line(folder, line):

@@ -15,7 +15,7 @@ from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
 
 COUNT = 3
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 KITCHEN = ["--num_threads=1", "--output=runs", f"--num_episodes={COUNT}", "--num_envs=2", "--seed=5"]
 EXPERT = ["--policy=expert", "--task_name=complete", '--task_kwargs={"variations": null}']

@@ -19,7 +19,7 @@ from kitchen_suite.episodes.episode import flatten
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 KITCHEN = ["--num_threads=1", "--output=runs", "--num_episodes=3", "--num_envs=2", "--seed=5", "--max_episode_steps=5"]
 ID = "kitchen-suite/random-v0"
@@ -152,7 +152,7 @@ def test_episodes_that_diverged_are_not_in_the_dataset(make, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        pytest.param(["--task_name=microwave"], "open the microwave door", marks=pytest.mark.slow),
+        pytest.param(["--task_name=microwave"], "open the microwave door", marks=pytest.mark.nightly),
         (["--domain_name=open_cabinet"], "open the top drawer of the cabinet"),
     ],
 )

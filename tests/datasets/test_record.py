@@ -30,7 +30,7 @@ from kitchen_suite.policies.trained import shipped_as
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.vector_env import base as vector_base
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 COMMAND = [sys.executable, "-m", "kitchen_suite", "record"]
 SHORT = ["--max_episode_steps=5"]

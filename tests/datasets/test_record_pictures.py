@@ -13,7 +13,7 @@ from helpers.episodes import load_episode
 from kitchen_suite.commands import convert, record, replay, rollout
 from kitchen_suite.episodes.episode import flatten
 
-pytestmark = [pytest.mark.rendering, pytest.mark.thorough, pytest.mark.usefixtures("folder")]
+pytestmark = [pytest.mark.rendering, pytest.mark.full, pytest.mark.usefixtures("folder")]
 
 PIXELS = {
     "obs_type": "pixels_agent_pos",

@@ -35,7 +35,7 @@ def test_a_preset_gives_task_arguments_and_policy(tmp_path, preset):
     assert found["num_episodes"] == chosen.get("num_episodes", 100)
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_a_seed_and_a_command_are_the_set(record_set, tmp_path):
     """Whatever is played at once, and however often it is interrupted."""
     digest = record_set("one", "--preset=random_order", "--num_envs=1")

@@ -42,7 +42,7 @@ def test_recordings_hold_the_tasks_asked_and_replay_to_the_bit(capsys):
     assert "4 of 4 episodes are equal" in capsys.readouterr().out
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_goals_that_are_not_asked_are_not_reached():
     assert record.main([*RECORD, "--num_episodes=1", "--max_episode_steps=2", '--task_kwargs={"threshold": 9}']) == 0
     spec, (episode,) = recorded()

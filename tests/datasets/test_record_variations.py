@@ -15,7 +15,7 @@ from kitchen_suite.episodes.episode import flatten
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks.variations.distributions import GROUPS
 
-pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("folder")]
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("folder")]
 
 ID = "kitchen-suite/varied-v0"
 SHORT = ["--num_envs=4", "--num_threads=1", "--num_episodes=3", "--max_episode_steps=2"]

@@ -17,7 +17,7 @@ from kitchen_suite.commands import record, replay, rollout
 from kitchen_suite.episodes.replay import choose
 from kitchen_suite.versions import installed_versions
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 KITCHEN = ["--num_threads=1", "--num_envs=4", "--max_episode_steps=6"]
 # The microwave's goal lies within its threshold from the start, the kettle's does not.
@@ -274,7 +274,7 @@ def test_episodes_are_chosen_by_number_or_spread_from_first_to_last(wanted, coun
     assert choose([0, 1, 3, 5, 6], wanted, count) == chosen
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.rendering
 def test_a_video_shows_every_time_step_of_the_replay(run, runs):
     size = ("--width=96", "--height=70")

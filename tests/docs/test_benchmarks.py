@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from docs_scripts import DOCS, load_script
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 SCRIPTS = DOCS / "experiments"
 RENDERERS = ("high", "fast, without light meshes", "fast")
@@ -159,7 +159,7 @@ def rendering(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("domain", "baseline"),
     # Frames of the original take half a second each.
-    [pytest.param("kitchen", ("Gymnasium-Robotics",), marks=pytest.mark.slow), ("open_cabinet", ())],
+    [pytest.param("kitchen", ("Gymnasium-Robotics",), marks=pytest.mark.nightly), ("open_cabinet", ())],
 )
 def test_rendering_has_a_row_for_every_renderer_size_and_content(domain, baseline, rendering, tables, capsys):
     rendering.main([f"--domain_name={domain}", "--rounds=1", "--json"])
@@ -186,7 +186,7 @@ def test_rendering_has_a_row_for_every_renderer_size_and_content(domain, baselin
         assert len(row.removeprefix(content).split()) == len(baseline) + len(RENDERERS)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.rendering
 def test_frames_are_measured_without_what_they_consist_of(rendering):
     renderers = rendering.build_renderers(rendering.DOMAINS["kitchen"], 96)
@@ -206,7 +206,7 @@ def test_frames_are_measured_without_what_they_consist_of(rendering):
         timer.close()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.rendering
 def test_rendering_without_the_extra_leaves_light_meshes_out(rendering, monkeypatch):
     monkeypatch.setattr(rendering.quality, "missing_packages", lambda: ["no-such-package"])

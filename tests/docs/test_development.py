@@ -63,7 +63,7 @@ def test_an_answer_names_functions_of_the_files_beside_them(title):
     assert [pair for pair in pairs if pair[1] not in functions(ROOT / pair[0])] == []
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("title", ANSWERS)
 def test_the_described_call_enters_the_functions_of_an_answer(title):
     entered = walks.walk(ROOT, ANSWERS[title]).entered

@@ -343,7 +343,7 @@ def run(script, monkeypatch, *arguments, fails=()):
     return done
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_the_script_makes_what_is_missing_and_continues(evaluations, tmp_path, monkeypatch):
     folder, names = str(tmp_path / "runs"), ("random:default", "random:d4rl")
     with pytest.raises(RuntimeError):
@@ -354,7 +354,7 @@ def test_the_script_makes_what_is_missing_and_continues(evaluations, tmp_path, m
     assert sorted(path.name for path in evaluations.SCORES.iterdir()) == ["random_d4rl.json", "random_default.json"]
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_goals_are_taken_from_demonstrations_that_are_recorded_first(evaluations, tmp_path, monkeypatch):
     commands = []
     monkeypatch.setattr(subprocess, "run", lambda command, check: commands.append(command))
@@ -366,7 +366,7 @@ def test_goals_are_taken_from_demonstrations_that_are_recorded_first(evaluations
     assert recorded[4] == f"--output={tmp_path / 'runs' / 'demonstrations'}"
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_the_tables_have_the_results(evaluations, tmp_path, monkeypatch):
     tables = load_script("scripts/result_tables")
     monkeypatch.setattr(tables, "RESULTS", evaluations.SCORES.parent)
@@ -389,7 +389,7 @@ def test_bad_arguments_of_the_script_are_named(evaluations, names, capsys):
     assert ("'random:d4r' is none of random:default" if names else "required: folder") in capsys.readouterr().err
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_the_page_explains_every_field(tmp_path, capsys):
     page = (DOCS / "guide" / "evaluation.md").read_text("utf-8")
     named = set(re.findall(r"`(\w+)`", page))

@@ -12,7 +12,7 @@ DOCS = ROOT / "docs"
 # They describe both forms, and earlier ones.
 EXEMPT = ("CHANGELOG.md", "releasing.md")
 # CONTRIBUTING.md says when they are needed.
-EXTRAS_OF_DEVELOPERS = {"browser", "clients", "dev", "docs", "notebook", "test"}
+EXTRAS_OF_DEVELOPERS = {"test"}
 PAGES = [*sorted(DOCS.rglob("*.md")), *sorted(ROOT.glob("*.md"))]
 
 

@@ -23,7 +23,7 @@ def test_every_table_is_used(tables):
 
 @pytest.mark.parametrize(
     "page",
-    [pytest.param(page, marks=pytest.mark.thorough) if page.name in SLOW_PAGES else page for page in PAGES],
+    [pytest.param(page, marks=pytest.mark.full) if page.name in SLOW_PAGES else page for page in PAGES],
     ids=lambda path: path.name,
 )
 def test_tables_are_current(tables, page):
@@ -37,7 +37,7 @@ def test_the_observation_table_has_the_59_numbers_in_order(tables):
     assert [number for ends in spans for number in range(ends[0], ends[-1] + 1)] == list(range(59))
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_the_actions_of_control_modes_have_the_bounds_of_their_specs(tables):
     rows = [[cell.strip(" `") for cell in row.split("|")] for row in tables.TABLES["control_modes"]().splitlines()[2:]]
     bounds = {row[1]: row[5] for row in rows}

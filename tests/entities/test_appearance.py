@@ -12,7 +12,7 @@ from kitchen_suite.entities.assets import is_visual
 from kitchen_suite.entities.scenes import build_microwave_table_scene
 from kitchen_suite.rendering.quality import set_render_quality
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 SCENES = {
     "kitchen": build_kitchen_scene,

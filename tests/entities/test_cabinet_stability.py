@@ -53,7 +53,7 @@ def test_actions_of_zeros_let_the_gripper_sink_as_documented():
     assert all(0.18 < sinking(env) < 0.34 for _ in range(4))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("error")
 def test_two_hundred_thousand_random_steps():
     assert run("top_drawer", 200_000, 2) > 1000

@@ -83,7 +83,7 @@ def drawn():
     return {split: [KitchenDesign.make(number, split) for number in range(COUNT)] for split in SPLITS}
 
 
-@pytest.mark.parametrize("count", [10, pytest.param(200, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("count", [10, pytest.param(200, marks=pytest.mark.full)])
 def test_drawn_designs_are_possible_when_they_are_read_from_json(drawn, count):
     # All of them: docs/experiments/kitchens.py designs.
     for split, kitchens in drawn.items():

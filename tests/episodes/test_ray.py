@@ -140,7 +140,7 @@ def test_no_episode_is_lost_with_a_worker_that_is_killed(run, tmp_path):
     assert_same_episodes("many", "one")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_thousand_episodes_are_those_of_one_process_whichever_workers_are_killed(tmp_path):
     spec = kitchen_suite.EnvironmentSpec.make("open_cabinet", "top_drawer", {}, 20)
     arguments = {"policy": "random", "seeds": range(1_000), "num_envs": 16}

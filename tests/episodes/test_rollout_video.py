@@ -16,7 +16,7 @@ from kitchen_suite.commands import rollout
 from kitchen_suite.episodes import video
 from kitchen_suite.rendering import gl
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 
 def read(path):
@@ -48,7 +48,7 @@ def test_more_frames_than_control_steps_make_one_frame_for_each_step(folder):
     assert len(frames) == 4
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.rendering
 def test_the_camera_may_be_a_name_or_a_number(folder):
     views = []

@@ -60,7 +60,7 @@ def made_up(monkeypatch):
     return made
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_a_kitchen_is_certified_and_the_certificate_holds(certified):
     certificate = certificates.read(certified)[DESIGN]
     task = suite.load("kitchens", "any", {"design": DESIGN, "visuals": False}).task
@@ -70,19 +70,19 @@ def test_a_kitchen_is_certified_and_the_certificate_holds(certified):
     assert check_certificates(certified, [DESIGN], "train") == []
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_a_certificate_is_that_of_the_package(certified):
     assert certified.read_bytes() == (certificates._SHIPPED / "train.jsonl").read_bytes().splitlines(keepends=True)[0]
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_several_processes_make_the_same_certificates(certified, tmp_path):
     path = tmp_path / "train.jsonl"
     write_certificates(path, [DESIGN], "train", num_workers=2)
     assert path.read_bytes() == certified.read_bytes()
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_an_altered_certificate_does_not_hold(certified, tmp_path):
     found = certificates.read(certified)[DESIGN]
     altered = {**found.steps, next(iter(found.steps)): None}

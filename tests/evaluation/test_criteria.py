@@ -132,7 +132,7 @@ def test_states_are_d4rls_positions():
     assert len(criteria.GAS_ROBOT) == 9
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["lexa", "earl"])
 def test_goals_of_conditions_are_those_that_are_measured(name):
     """The objects of a condition, put at its goals, are a success by the publication's measure."""
@@ -169,7 +169,7 @@ def test_scores_over_all_conditions():
     assert PROTOCOLS["default"].overall(scores) == {}
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_the_goal_state_of_a_condition_of_lexa_is_lexas():
     plan = make_plan(PolicyRef.parse("zero"), "lexa")
     for objects, spec in zip(criteria.LEXA_GOALS, plan.specs.values(), strict=True):

@@ -62,7 +62,7 @@ def test_the_json_does_not_depend_on_how_episodes_are_played(run, tmp_path):
     assert len(contents) == 1
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_the_scores_are_those_of_single_episodes(run, tmp_path):
     from kitchen_suite.episodes.spec import EnvironmentSpec
 
@@ -129,7 +129,7 @@ def lines(folder):
 KETTLE = ("--task_name=kettle", "--json=a.json", "--output=runs")
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_an_evaluation_goes_on_where_it_was_cut_off(run, tmp_path):
     assert run(*KETTLE)[0] == 0
     folder, whole = tmp_path / "runs", (tmp_path / "a.json").read_bytes()
@@ -148,7 +148,7 @@ def test_an_evaluation_goes_on_where_it_was_cut_off(run, tmp_path):
         assert sorted(episodes.read_bytes().splitlines()) == sorted(everything.splitlines())
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_an_interrupt_says_how_far_it_came_and_how_to_continue(run, tmp_path, monkeypatch):
     assert run(*KETTLE)[0] == 0
     whole = (tmp_path / "a.json").read_bytes()
@@ -169,7 +169,7 @@ def test_an_interrupt_says_how_far_it_came_and_how_to_continue(run, tmp_path, mo
     assert (tmp_path / "b.json").read_bytes() == whole
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_a_killed_evaluation_ends_with_the_same_json(run, tmp_path):
     flags = ["--task_name=random_2", "--num_episodes=40", "--max_episode_steps=40", "--num_envs=4", "--num_threads=1"]
     assert run(*flags, "--json=a.json")[0] == 0
@@ -334,7 +334,7 @@ def test_a_folder_that_is_full_ends_in_one_line(run, tmp_path, monkeypatch):
     assert not (tmp_path / "a.json").exists()
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_a_progress_bar_counts_all_episodes(run, monkeypatch):
     made = []
 

@@ -260,7 +260,7 @@ def test_a_protocol_cannot_be_changed(settings, values):
 
 
 @pytest.mark.parametrize(
-    "name", brief(PROTOCOLS, [name for name in PROTOCOLS if name not in ("shift", *LONG)], thorough=LONG)
+    "name", brief(PROTOCOLS, [name for name in PROTOCOLS if name not in ("shift", *LONG)], full=LONG)
 )
 def test_a_protocol_has_its_numbers(name, dataset):
     made = plan(protocol=name, dataset=dataset if takes_goals(PROTOCOLS[name]) else None)
@@ -364,6 +364,18 @@ def test_one_task_replaces_all_conditions_and_keeps_the_score_of_its_own_sets(ta
     made = plan(protocol="d4rl", task_name=task)
     assert list(made.specs) == [task]
     assert (made.score and made.score.best) == score
+
+
+@pytest.mark.parametrize(
+    ("task_kwargs", "has_score"),
+    [
+        ({"tasks_to_complete": ["kettle"]}, False),
+        ({"tasks_per_episode": 1}, False),
+        ({"robot_noise_ratio": 0.5}, True),
+    ],
+)
+def test_a_published_score_is_only_of_its_own_tasks(task_kwargs, has_score):
+    assert (plan("d4rl", task_kwargs=task_kwargs).score is not None) == has_score
 
 
 def test_arguments_in_which_conditions_differ_are_not_replaced():

@@ -50,10 +50,8 @@ def written(tmp_path_factory):
     [
         ["--policy=expert", "--variations=start,layout,push"],
         ["--domain_name=open_cabinet", "--policy=zero", "--physics=exact"],
-        pytest.param(
-            ["--domain_name=microwave_table", "--policy=random", "--physics=fast"], marks=pytest.mark.thorough
-        ),
-        pytest.param(["--protocol=diffusion-policy", "--policy=random"], marks=pytest.mark.thorough),
+        pytest.param(["--domain_name=microwave_table", "--policy=random", "--physics=fast"], marks=pytest.mark.full),
+        pytest.param(["--protocol=diffusion-policy", "--policy=random"], marks=pytest.mark.full),
         # Every episode ends with a reward, which is not that of the next one's reset.
         ["--policy=zero", "--task_name=kettle", '--task_kwargs={"threshold": 10}'],
     ],
@@ -81,7 +79,7 @@ def test_the_policy_may_be_gone(run, tmp_path):
     assert run(replay, "a.npz")[0] == 0
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.rendering
 def test_a_replay_needs_no_pictures(run):
     kwargs = {"obs_type": "pixels_agent_pos", "image_size": [8, 8], "cameras": ["workspace"]}
@@ -92,7 +90,7 @@ def test_a_replay_needs_no_pictures(run):
     assert subprocess.run([sys.executable, "-c", script], env=without, check=False).returncode == 0
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_a_receipt_holds_the_goals_that_were_taken_from_a_recording(run, tmp_path):
     playing = ["--policy=expert", "--task_name=random_4", "--max_episode_steps=60"]
     for seed in (0, 1):
@@ -157,7 +155,7 @@ def test_an_interrupted_evaluation_has_the_same_receipt(run, tmp_path):
         np.testing.assert_array_equal(each.actions, same.actions)
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_a_diverged_episode_is_replayed(run, monkeypatch):
     step = vector_base.SuiteVectorEnv.step_some
 
@@ -216,7 +214,7 @@ def test_digests_are_those_of_observations_and_rewards(written):
     np.testing.assert_array_equal(trace.last, rows[-1].astype(np.float32))
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_every_changed_byte_is_found(written):
     contents, generator = bytearray(written.read_bytes()), np.random.default_rng(0)
     target = written.with_name("changed.npz")
@@ -352,18 +350,18 @@ def short(tmp_path_factory):
     return Receipt.read(path)
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_alterations_with_recomputed_digests_are_found(short, tmp_path, capsys):
     check_alterations(short, tmp_path, range(8))
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("part", range(2))
 def test_two_hundred_alterations_are_found(short, tmp_path, capsys, part):
     check_alterations(short, tmp_path, range(part, 200, 2))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("part", range(8))
 def test_a_thousand_alterations_are_found(short, tmp_path, capsys, part):
     check_alterations(short, tmp_path, range(200 + part, 1_000, 8))
@@ -400,7 +398,7 @@ def test_names_of_a_receipt_may_be_any(short, tmp_path):
 
 COMMITTED = sorted(Path(__file__).parents[2].glob("docs/experiments/results/receipts/*.npz"))
 
-# Small ones, which the thorough tests replay.
+# Small ones, which the full run replays.
 QUICK = ("expert_metra", "random_gas", "trained_gas")
 
 
@@ -417,7 +415,7 @@ def test_committed_receipts_are_of_the_committed_results():
 @pytest.mark.parametrize(
     "path",
     [
-        pytest.param(path, id=path.stem, marks=pytest.mark.thorough if path.stem in QUICK else pytest.mark.slow)
+        pytest.param(path, id=path.stem, marks=pytest.mark.full if path.stem in QUICK else pytest.mark.nightly)
         for path in COMMITTED
     ],
 )

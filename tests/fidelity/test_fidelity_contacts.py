@@ -16,7 +16,7 @@ ROOM = ((-2.0, -1.5, -0.2), (2.0, 2.0, 3.2))
 
 
 @pytest.fixture(
-    scope="module", params=[pytest.param(True, marks=pytest.mark.slow), False], ids=["visuals", "no_visuals"]
+    scope="module", params=[pytest.param(True, marks=pytest.mark.nightly), False], ids=["visuals", "no_visuals"]
 )
 def ours(request):
     return mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=request.param).arena.mjcf_model).model.ptr
@@ -27,7 +27,7 @@ def reference():
     return reference_model()
 
 
-@pytest.mark.parametrize("count", [10_000, pytest.param(100_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [10_000, pytest.param(100_000, marks=pytest.mark.nightly)])
 def test_contacts_are_equal_and_in_the_same_order(ours, reference, count):
     partner = same_geoms(ours, reference)
     here, there = mujoco.MjData(ours), mujoco.MjData(reference)

@@ -85,7 +85,7 @@ def check_action(env, action):
 
 some_action = given(action=st.one_of(junk, numbers, nine))
 test_actions = cases(60)(some_action(check_action))
-test_many_actions = pytest.mark.slow(cases(800)(some_action(check_action)))
+test_many_actions = pytest.mark.nightly(cases(800)(some_action(check_action)))
 
 
 some_reset = given(
@@ -100,7 +100,7 @@ def check_reset(env, seed, options):
 
 
 test_resets = cases(100)(some_reset(check_reset))
-test_many_resets = pytest.mark.slow(cases(600)(some_reset(check_reset)))
+test_many_resets = pytest.mark.nightly(cases(600)(some_reset(check_reset)))
 
 
 def test_options_of_other_libraries_are_ignored(env):
@@ -173,7 +173,7 @@ def check_state(env, data):
 
 some_state = given(data=st.data())
 test_states = cases(60)(some_state(check_state))
-test_many_states = pytest.mark.slow(cases(600)(some_state(check_state)))
+test_many_states = pytest.mark.nightly(cases(600)(some_state(check_state)))
 
 
 def assert_same_random(one, other):
@@ -225,7 +225,7 @@ def check_arguments(arguments):
 
 some_arguments = given(arguments=arguments)
 test_arguments = cases(25)(some_arguments(check_arguments))
-test_many_arguments = pytest.mark.slow(cases(200)(some_arguments(check_arguments)))
+test_many_arguments = pytest.mark.nightly(cases(200)(some_arguments(check_arguments)))
 
 
 def check_load(argument, value):
@@ -241,7 +241,7 @@ arguments_of_tasks = [
 ]
 some_load = given(argument=st.sampled_from(arguments_of_tasks), value=st.one_of(junk, st.sampled_from([1e155, 1e308])))
 test_load = cases(15)(some_load(check_load))
-test_many_loads = pytest.mark.thorough(cases(200)(some_load(check_load)))
+test_many_loads = pytest.mark.full(cases(200)(some_load(check_load)))
 
 
 def test_arguments_of_any_depth_are_refused_in_one_short_line():

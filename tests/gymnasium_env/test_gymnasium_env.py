@@ -435,7 +435,7 @@ def test_a_new_generator_given_to_the_environment_is_used():
     np.testing.assert_allclose(np.sign(noise), np.sign(expected))
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("mode", ["sync", "async"])
 def test_sub_environment_i_of_a_vector_is_the_single_one_of_seed_plus_i(mode):
     vector = gymnasium.make_vec(QUALIFIED_ID, num_envs=2, vectorization_mode=mode)
@@ -471,7 +471,7 @@ class TestRendering:
         assert picture.std() > 20
         env.close()
 
-    @pytest.mark.slow
+    @pytest.mark.nightly
     def test_visual_options_and_room_for_geoms_reach_the_renderer(self):
         def picture(**settings):
             env = FrankaKitchenEnv(render_mode="rgb_array", width=64, height=48, **settings)
@@ -492,7 +492,7 @@ class TestRendering:
         assert 0.0 <= depth.min() < depth.max() <= 1.0
         env.close()
 
-    @pytest.mark.thorough
+    @pytest.mark.full
     def test_make_collects_pictures_in_list_mode(self):
         env = gymnasium.make(KITCHEN_ID, render_mode="rgb_array_list", width=64, height=48)
         env.reset(seed=0)
@@ -500,14 +500,14 @@ class TestRendering:
         assert [picture.shape for picture in env.render()] == [(48, 64, 3)] * 2
         env.close()
 
-    @pytest.mark.thorough
+    @pytest.mark.full
     def test_pictures_larger_than_the_models_buffer_are_possible(self):
         env = FrankaKitchenEnv(render_mode="rgb_array", width=1930, height=32)
         env.reset(seed=0)
         assert env.render().shape == (32, 1930, 3)
         env.close()
 
-    @pytest.mark.thorough
+    @pytest.mark.full
     def test_a_copy_renders_too(self):
         env = FrankaKitchenEnv(render_mode="rgb_array", width=64, height=48)
         env.reset(seed=0)

@@ -40,7 +40,7 @@ def assert_observations_equal(one, other):
 @pytest.mark.parametrize(
     "arguments", brief_named(COMBINATIONS, kept=["defaults", "kept, terminating", "removed, not terminating, quiet"])
 )
-@pytest.mark.parametrize("seed", [3, pytest.param(2**35 + 1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [3, pytest.param(2**35 + 1, marks=pytest.mark.nightly)])
 def test_every_step_of_an_episode_is_the_originals(arguments, seed):
     ours = FrankaKitchenEnv(**arguments)
     completed_before = []

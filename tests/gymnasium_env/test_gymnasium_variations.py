@@ -15,7 +15,7 @@ from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 CLASSES = {
     "kitchen": FrankaKitchenEnv,
@@ -173,7 +173,7 @@ def test_values_given_back_repeat_the_episode_to_the_bit(domain, split, seeds):
     assert domain != "kitchen" or max(refusals) > 1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("split", SPLITS)
 @each_domain
 def test_values_of_many_episodes_given_back_repeat_them(domain, split):
@@ -398,7 +398,7 @@ def test_pictures_show_the_appearance():
 
 
 @pytest.mark.rendering
-@pytest.mark.slow
+@pytest.mark.nightly
 @each_domain
 def test_values_given_back_repeat_the_pictures(domain):
     env, again = (make(domain, ["layout", "appearance", "camera"], **PICTURES) for _ in range(2))

@@ -16,7 +16,7 @@ from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.gymnasium_env.generated_kitchens import GeneratedKitchenEnv
 from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 CLASSES = {
     "kitchen": FrankaKitchenEnv,

@@ -1,4 +1,4 @@
-"""Sweeps of which every run plays some cases, `-m thorough` and `-m slow` others; control modes by domain."""
+"""Sweeps of which every run plays some cases, `--run=full` and `--run=nightly` more; control modes by domain."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -8,29 +8,29 @@ import pytest
 from dm_env import specs
 
 
-def brief(cases: Iterable[Any], kept: Iterable[Any], thorough: Iterable[Any] = ()) -> list[Any]:
+def brief(cases: Iterable[Any], kept: Iterable[Any], full: Iterable[Any] = ()) -> list[Any]:
     """Marks cases of a sweep; one of several arguments is a tuple.
 
-    Every run plays those of `kept`; those of `thorough` are marked as that, and all others as slow.
+    Every run plays those of `kept`, a full one those of `full` as well, and a nightly one all.
     """
     cases = [*cases]
-    marks = _marks(cases, [*kept], [*thorough])
+    marks = _marks(cases, [*kept], [*full])
     return [pytest.param(*_arguments(case), marks=mark) for case, mark in zip(cases, marks, strict=True)]
 
 
-def brief_named(cases: Mapping[str, Any], kept: Iterable[str], thorough: Iterable[str] = ()) -> list[Any]:
+def brief_named(cases: Mapping[str, Any], kept: Iterable[str], full: Iterable[str] = ()) -> list[Any]:
     """Marks cases of a sweep as `brief` does, by their names, which are the ids."""
-    marks = _marks([*cases], [*kept], [*thorough])
+    marks = _marks([*cases], [*kept], [*full])
     return [
         pytest.param(*_arguments(case), id=name, marks=mark)
         for (name, case), mark in zip(cases.items(), marks, strict=True)
     ]
 
 
-def _marks(cases: list[Any], kept: list[Any], thorough: list[Any]) -> list[Any]:
+def _marks(cases: list[Any], kept: list[Any], full: list[Any]) -> list[Any]:
     assert kept
-    assert all(case in cases for case in (*kept, *thorough)), (kept, thorough)
-    return [() if case in kept else pytest.mark.thorough if case in thorough else pytest.mark.slow for case in cases]
+    assert all(case in cases for case in (*kept, *full)), (kept, full)
+    return [() if case in kept else pytest.mark.full if case in full else pytest.mark.nightly for case in cases]
 
 
 def _arguments(case: Any) -> tuple[Any, ...]:

@@ -20,7 +20,7 @@ GOALS = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("name", "goal", "threshold", "reached"), GOALS)
 def test_the_expert_reaches_goals_on_its_path_alone(name, goal, threshold, reached):
     arguments = {"tasks_to_complete": [name], "goals": {name: goal}, "threshold": threshold}

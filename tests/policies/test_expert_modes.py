@@ -52,7 +52,7 @@ def once_per_mode(tasks, modes):
     return brief(itertools.product(tasks, modes), kept=zip(itertools.cycle(tasks), modes))
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("mode", KITCHEN_MODES)
 def test_parts_of_generated_kitchens_are_moved(mode):
     """In postures and orientations of the hand that the mode can keep to."""
@@ -163,7 +163,7 @@ def test_fixed_skills_keep_the_orientation_of_the_reset():
     np.testing.assert_allclose(same.as_matrix(), rotation.as_matrix(), atol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_many_episodes_are_recorded_at_once_in_another_mode(tmp_path, capsys):
     arguments = ["--policy=expert", "--task_name=kettle", "--num_episodes=3", "--num_envs=2", f"--output={tmp_path}"]
     assert record.main([*arguments, '--task_kwargs={"control_mode": "ee_delta_pose"}']) == 0
@@ -187,21 +187,21 @@ def test_bad_control_modes_are_rejected(message):
         REJECTED[message]()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("mode", KITCHEN_MODES)
 @pytest.mark.parametrize("task", [*SINGLE_TASKS, "complete"])
 def test_a_hundred_unseen_seeds_in_every_mode(task, mode):
     assert successes(load("kitchen", task, mode), range(30_000, 30_100)) >= 95
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("mode", CABINET_MODES)
 @pytest.mark.parametrize("task", DRAWERS)
 def test_a_hundred_unseen_starts_in_every_mode(task, mode):
     assert successes(load("open_cabinet", task, mode), range(30_000, 30_100)) >= 95
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("mode", "noise"), NOISE.items(), ids=NOISE)
 @pytest.mark.parametrize("task", ["complete", *DRAWERS])
 def test_demanding_noise_in_every_mode(task, mode, noise):

@@ -303,7 +303,7 @@ SUCCESS_RATES = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("task_name", "time_limit", "least"), SUCCESS_RATES)
 def test_a_hundred_unseen_seeds(load, task_name, time_limit, least):
     env = load(task_name, time_limit=time_limit)
@@ -321,7 +321,7 @@ DEMANDING = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("style", "least"), DEMANDING.values(), ids=DEMANDING)
 def test_demanding_styles(load, style, least):
     env = load("all", time_limit=36.0)
@@ -329,7 +329,7 @@ def test_demanding_styles(load, style, least):
     assert sum(len(episode(env, expert, 10_000 + seed)[0]) == 7 for seed in range(20)) >= least
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("task", ["microwave", "slide cabinet"])
 def test_the_expert_goes_as_far_as_asked(load, task):
     """With a threshold that ends no episode, it leaves the object nearer to the goal."""
@@ -342,7 +342,7 @@ def test_the_expert_goes_as_far_as_asked(load, task):
     assert distances[0.4] < 0.45 * 0.3
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_random_orders_that_end_with_the_hinge_cabinet(load):
     others = [task for task in DEFAULT_TASKS if task != "hinge cabinet"]
     generator, env = np.random.default_rng(0), load("all", time_limit=36.0)

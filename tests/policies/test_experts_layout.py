@@ -12,7 +12,7 @@ from kitchen_suite.tasks.requests import Reset
 from kitchen_suite.tasks.variations.distributions import SPLITS
 from kitchen_suite.tasks.variations.variations import VariationRequest
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 KITCHEN_POSES = (
     "franka/base_pose",
@@ -49,13 +49,13 @@ def test_the_kitchens_expert_completes_its_tasks_in_drawn_layouts(split):
     assert successes(complete(split, seed=1), 2) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("split", SPLITS)
 def test_the_kitchens_expert_completes_its_tasks_in_many_layouts(split):
     assert successes(complete(split, seed=11), 50) >= 40
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("split", SPLITS)
 @pytest.mark.parametrize("drawer", ["top", "bottom"])
 def test_the_drawers_expert_opens_them_in_many_layouts(drawer, split):

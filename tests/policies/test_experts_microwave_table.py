@@ -42,19 +42,19 @@ def test_the_observation_alone_is_enough_and_actions_are_within_bounds():
     assert info["is_success"]
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("split", SPLITS)
 def test_it_is_opened_where_start_and_layout_vary(split):
     assert successes(load(variations="start,layout", variation_split=split), [203, 204]) == 2
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("style", STYLES)
 def test_a_motion_style_still_opens_it(style):
     assert successes(load(), [205], STYLES[style]) == 1
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_a_handle_that_slipped_out_is_taken_again():
     env = load(time_limit=12.0)
     env.random_state.seed(0)
@@ -70,7 +70,7 @@ def test_a_handle_that_slipped_out_is_taken_again():
     assert env.task.episode_metrics["success"]
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_a_task_that_extends_the_microwaves_has_its_expert():
     class Ajar(MicrowaveTableTask):
         def reset_physics(self, physics, random_state):
@@ -88,7 +88,7 @@ def test_a_task_that_extends_the_microwaves_has_its_expert():
     assert successes(domain.load(visuals=False), [206]) == 1
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_its_episodes_are_recorded_replayed_and_evaluated(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     flags = ["--domain_name=microwave_table", "--policy=expert", "--num_episodes=2"]
@@ -98,7 +98,7 @@ def test_its_episodes_are_recorded_replayed_and_evaluated(tmp_path, monkeypatch,
     assert json.loads((tmp_path / "scores.json").read_text())["success"] == 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("variations", [None, "start,layout"])
 @pytest.mark.parametrize("mode", CONTROL_MODES)
 def test_a_hundred_seeds_in_every_mode(mode, variations):

@@ -98,7 +98,7 @@ def test_a_drawer_that_slipped_out_is_grasped_again():
     assert env.task.drawer_opening >= 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("drawer", DRAWERS)
 def test_a_hundred_unseen_starts(drawer):
     env = load(drawer)

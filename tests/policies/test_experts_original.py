@@ -11,7 +11,7 @@ from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 TASKS = ["microwave", "kettle", "light switch", "slide cabinet"]
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("seed", brief([5, 2**33 + 1], kept=[2**33 + 1]))
 def test_demonstrations_are_the_same_in_the_original(seed):
     ours = FrankaKitchenEnv(tasks_to_complete=TASKS)

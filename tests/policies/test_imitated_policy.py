@@ -87,7 +87,7 @@ def make_seeing(**changes):
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_chunks_are_the_same_whatever_the_number_of_threads(tmp_path):
     program = (
         "import sys, numpy as np; from pathlib import Path; from kitchen_suite.policies import load_policy; "

@@ -242,7 +242,7 @@ def test_without_the_extra_the_error_names_it_and_nothing_is_imported(monkeypatc
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_commands_play_by_a_server_and_send_the_sentence_of_each_environment(port, folder, run, refusal, pauses):
     prompts = []
 

@@ -59,7 +59,7 @@ def test_it_does_its_task(task):
     assert through_suite(task, 3) >= 2
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("play_episodes", [through_suite, through_vector])
 @pytest.mark.parametrize("task", TASKS)
 def test_it_does_its_task_nearly_always(play_episodes, task):
@@ -108,7 +108,7 @@ SIGHT = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.rendering
 def test_a_policy_sees_and_does_what_is_asked(capsys):
     kwargs = {**SIGHT, "variations": ["start"]}
@@ -144,7 +144,7 @@ def completed_share(task, count, **arguments):
 CASES = [("all", ""), ("all", "start"), ("random_4", "start"), ("complete", "layout"), ("kettle", "start")]
 
 
-@pytest.mark.parametrize(("task", "variations"), brief(CASES, CASES[:2], thorough=CASES[2:4]))
+@pytest.mark.parametrize(("task", "variations"), brief(CASES, CASES[:2], full=CASES[2:4]))
 def test_one_policy_does_what_is_asked_in_the_whole_kitchen(task, variations):
     assert completed_share(task, 2, variations=[variations] if variations else []) > 0.8
 
@@ -154,14 +154,14 @@ NEARLY_ALL = [(task, variations, "exact") for task, variations in CASES]
 NEARLY_ALL += [(task, variations, "fast") for task, variations in CASES if variations != "layout"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("task", "variations", "physics"), NEARLY_ALL)
 def test_it_does_nearly_all_that_is_asked(task, variations, physics):
     varied = [variations] if variations else []
     assert completed_share(task, 50, variations=varied, physics=physics) >= 0.95
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("task", "arguments", "least"),
     [

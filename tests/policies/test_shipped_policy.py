@@ -69,19 +69,19 @@ ENVIRONMENTS = pytest.mark.parametrize("play_episodes", [through_suite, through_
 @pytest.mark.parametrize(
     ("play_episodes", "reward"),
     [
-        pytest.param(through_suite, "original", marks=pytest.mark.slow),
-        pytest.param(through_suite, "grasp", marks=pytest.mark.slow),
-        pytest.param(through_gymnasium, "original", marks=pytest.mark.slow),
+        pytest.param(through_suite, "original", marks=pytest.mark.nightly),
+        pytest.param(through_suite, "grasp", marks=pytest.mark.nightly),
+        pytest.param(through_gymnasium, "original", marks=pytest.mark.nightly),
         (through_gymnasium, "grasp"),
         (through_vector, "original"),
-        pytest.param(through_vector, "grasp", marks=pytest.mark.slow),
+        pytest.param(through_vector, "grasp", marks=pytest.mark.nightly),
     ],
 )
 def test_it_opens_the_drawer(play_episodes, reward):
     assert sum(play_episodes(reward, 5)) >= 4
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @REWARDS
 @ENVIRONMENTS
 def test_it_opens_the_drawer_nearly_always(play_episodes, reward):
@@ -110,7 +110,7 @@ def test_the_policy_of_the_original_reward_drags():
     assert np.mean(grasp_fractions("original", 3)) < 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_policy_of_the_grasp_reward_pulls_with_both_pads_in_twenty_episodes():
     fractions = grasp_fractions("grasp", 20)
     assert np.mean(fractions) >= 0.8

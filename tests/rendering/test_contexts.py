@@ -55,7 +55,7 @@ def test_dropped_environments_are_quiet(end):
     assert run(MADE + ENDS[end]) == (0, "", "")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("drop", ["env.close()", "del env, environment", "in_a_thread(lambda: made.clear())"])
 def test_contexts_do_not_pile_up(drop):
     """Two hundred cycles of two contexts each; their framebuffers and textures alone take 5 MiB."""

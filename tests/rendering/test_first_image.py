@@ -70,7 +70,7 @@ def test_front_ends_open_no_gl_library(domain, variables):
 
 
 @needs_maps
-@pytest.mark.thorough
+@pytest.mark.full
 def test_commands_open_no_gl_library(tmp_path):
     status, out, err = run(watched(COMMANDS, FOLDER=str(tmp_path)))
     assert (status, out) == (0, "nothing is open\n"), err
@@ -85,7 +85,7 @@ def test_the_first_image_opens_one():
     assert out.startswith("environment.physics.render")
 
 
-# Orders of imports that every run plays; the others are thorough.
+# Orders of imports that every run plays; a full run plays the others.
 EVERY_RUN = [("dm_control", "suite", "gymnasium"), ("gymnasium", "suite", "dm_control")]
 IMPORTS = {
     "suite": "from kitchen_suite import suite",
@@ -121,7 +121,7 @@ theirs.free()
 @pytest.mark.parametrize(
     "order",
     [
-        pytest.param(order, marks=() if order in EVERY_RUN else pytest.mark.thorough)
+        pytest.param(order, marks=() if order in EVERY_RUN else pytest.mark.full)
         for order in itertools.permutations(IMPORTS)
     ],
     ids=" ".join,

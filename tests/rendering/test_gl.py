@@ -141,7 +141,7 @@ except RuntimeError as error:
 @pytest.mark.rendering
 @pytest.mark.parametrize(
     ("end", "printed"),
-    [("os._exit", ["True", "7"]), pytest.param("sys.exit", ["True"], marks=pytest.mark.thorough)],
+    [("os._exit", ["True", "7"]), pytest.param("sys.exit", ["True"], marks=pytest.mark.full)],
 )
 def test_rendering_in_a_forked_process_is_an_error_and_does_not_hang(end, printed):
     status, out, _ = run(FORKING.replace("{end}", end), UNSET)
@@ -158,7 +158,7 @@ def test_a_driver_that_does_not_work_after_a_fork_is_told_from_a_missing_one():
 
 
 @pytest.mark.rendering
-@pytest.mark.thorough
+@pytest.mark.full
 def test_gymnasiums_processes_see_pictures_unless_the_first_process_has_rendered():
     status, out, _ = run(ASYNC, UNSET)
     assert (status, out.split()) == (0, ["True"] * 3)
@@ -179,13 +179,13 @@ def test_any_thread_renders_an_environment_and_frees_what_another_made():
         free()
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.rendering
 def test_rendering_without_mujoco_gl_works_and_leaves_stderr_empty():
     assert run(RENDERING, UNSET) == (0, "", "")
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_a_gl_library_that_cannot_be_loaded_fails_at_rendering_and_not_at_import():
     environment = {**UNSET, "MUJOCO_GL": "egl", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nothing"}
     status, out, err = run(STEPPING, environment)

@@ -15,7 +15,7 @@ from kitchen_suite.entities.assets import asset_dir, is_visual
 from kitchen_suite.rendering import quality as light_meshes
 from kitchen_suite.rendering.quality import set_render_quality
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 VISUAL = asset_dir() / "franka_assets" / "meshes" / "visual"
 LARGE = (*(f"link{number}" for number in range(8)), "hand")

@@ -14,7 +14,7 @@ TASKS = {"kitchen": "kettle", "open_cabinet": "top_drawer"}
 SMALL = {"width": 96, "height": 64, "render_mode": "rgb_array", "camera_name": "overview"}
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.rendering
 def test_fast_images_show_the_same_scene_in_every_renderer():
     environment, fast = (
@@ -61,7 +61,7 @@ def test_the_quality_does_not_change_trajectories(domain, tmp_path, monkeypatch)
     np.testing.assert_array_equal(*trajectories)
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize("camera", brief(["overview", "franka/wrist"], kept=["overview"]))
 def test_light_meshes_are_seen_where_the_full_ones_are(camera, monkeypatch):

@@ -125,7 +125,7 @@ def seen_bodies(physics, camera):
     return {physics.model.body(physics.model.geom_bodyid[geom]).name.split("/")[0] for geom in geoms}
 
 
-@pytest.mark.parametrize("goal", brief(GOALS, [*GOALS][:4], thorough=GOALS))
+@pytest.mark.parametrize("goal", brief(GOALS, [*GOALS][:4], full=GOALS))
 def test_the_workspace_camera_shows_the_change_that_each_task_is_about(environment, goal):
     physics, state = environment.physics, environment.physics.get_state()
     qpos, _ = addresses(physics, GOALS[goal].joints_in(environment.task.scene))
@@ -205,7 +205,7 @@ def test_every_entity_compiles_and_renders_alone(entity, visuals):
         assert alone.render(HEIGHT, WIDTH).std() > 5
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_environments_render_side_by_side():
     """Each keeps to its own GL context, also after another one has rendered or has been closed."""
     environments = [

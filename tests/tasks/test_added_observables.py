@@ -86,7 +86,7 @@ def test_values_are_present_ones_where_physics_steps_are_not_legacy():
     np.testing.assert_array_equal(last["franka/end_effector_velocity"], measured)
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize("domain", brief(TASKS, kept=["open_cabinet"]))
 def test_cameras_are_observables_of_composer(domain):

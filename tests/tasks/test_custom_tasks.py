@@ -233,7 +233,7 @@ MASSES = [(domain, group) for domain in DOMAINS for group in range(6)]
 
 
 @pytest.mark.parametrize(
-    ("domain", "group"), brief(MASSES, kept=[(domain, 0) for domain in DOMAINS], thorough=[*MASSES[1:6], *MASSES[7:12]])
+    ("domain", "group"), brief(MASSES, kept=[(domain, 0) for domain in DOMAINS], full=[*MASSES[1:6], *MASSES[7:12]])
 )
 def test_anything_attached_has_the_mass_that_it_has_alone(domain, group):
     build, _, place = DOMAINS[domain]
@@ -332,7 +332,7 @@ class ObservedProp(Primitive):
 ENTITIES = [(domain, *case) for domain in DOMAINS for case in ((HookedProp, "after_step"), (ObservedProp, "position"))]
 
 
-@pytest.mark.parametrize(("domain", "prop", "word"), brief(ENTITIES, kept=ENTITIES[:2], thorough=ENTITIES[2:]))
+@pytest.mark.parametrize(("domain", "prop", "word"), brief(ENTITIES, kept=ENTITIES[:2], full=ENTITIES[2:]))
 def test_entities_that_a_batch_would_ignore_are_refused_in_vectors_and_at_registration(domain, prop, word):
     _, base, place = DOMAINS[domain]
 
@@ -435,7 +435,7 @@ EDITS = [
 ]
 
 
-@pytest.mark.parametrize(("domain", "edit", "when"), brief(EDITS, kept=[EDITS[0], EDITS[-1]], thorough=EDITS[1:-1]))
+@pytest.mark.parametrize(("domain", "edit", "when"), brief(EDITS, kept=[EDITS[0], EDITS[-1]], full=EDITS[1:-1]))
 def test_an_edit_of_the_compiled_model_acts_in_single_and_vectorised_environments(domain, edit, when):
     def change(environment):
         model = environment.physics.model

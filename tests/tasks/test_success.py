@@ -189,7 +189,8 @@ STRICT_TASKS = ("slide cabinet", "light switch")
 
 
 @pytest.mark.parametrize(
-    "task", [*STRICT_TASKS, *(pytest.param(task, marks=pytest.mark.slow) for task in GOALS if task not in STRICT_TASKS)]
+    "task",
+    [*STRICT_TASKS, *(pytest.param(task, marks=pytest.mark.nightly) for task in GOALS if task not in STRICT_TASKS)],
 )
 def test_the_expert_is_strict_where_the_environment_is(task):
     environment = load([task], success="strict")

@@ -37,8 +37,7 @@ RESULTS = ROOT / "docs" / "experiments" / "results" / "mutants"
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.json")
 LEAST = 0.9
 TIMEOUT = 120.0  # [s] of the tests of one mutant.
-_APART = ("slow", "thorough", "clients", "ray", "lerobot", "web", "browser", "rendering")
-MARKS = " and ".join(f"not {mark}" for mark in _APART)
+MARKS = "not rendering"
 # Libraries that the tests import, loaded once; every mutant is tested in a fork.
 PRELOADED = ("pytest", "hypothesis", "scipy.spatial.transform", "dm_control.composer", "mujoco.batch", "gymnasium")
 # Exit status of pytest where no test was found.

@@ -32,7 +32,7 @@ def test_control_steps_are_as_long_and_physics_steps_are_longer(domain, steps):
     assert fast.observation_spec() == exact.observation_spec()
 
 
-@pytest.mark.parametrize("task", brief(TASKS, TASKS[:1], thorough=TASKS))
+@pytest.mark.parametrize("task", brief(TASKS, TASKS[:1], full=TASKS))
 def test_the_expert_succeeds_in_about_as_many_steps(task):
     steps = []
     for physics in ("exact", "fast"):
@@ -60,11 +60,11 @@ def test_objects_at_rest_sleep_and_the_robot_does_not():
 TWO_TASKS = {"control_mode": "ee_delta_pose", "tasks_per_episode": 2, **LAYOUT}
 CASES = [
     ("kitchen", "NextStep", {}),
-    pytest.param("kitchen", "SameStep", {"control_mode": "joint_position", **LAYOUT}, marks=pytest.mark.thorough),
-    pytest.param("kitchen", "Disabled", TWO_TASKS, marks=pytest.mark.thorough),
-    pytest.param("kitchen", "NextStep", {"control_mode": "joint_delta"}, marks=pytest.mark.slow),
-    pytest.param("kitchen", "SameStep", {"control_mode": "ee_delta_position", **LAYOUT}, marks=pytest.mark.slow),
-    pytest.param("kitchen", "Disabled", {"control_mode": "ee_pose"}, marks=pytest.mark.slow),
+    pytest.param("kitchen", "SameStep", {"control_mode": "joint_position", **LAYOUT}, marks=pytest.mark.full),
+    pytest.param("kitchen", "Disabled", TWO_TASKS, marks=pytest.mark.full),
+    pytest.param("kitchen", "NextStep", {"control_mode": "joint_delta"}, marks=pytest.mark.nightly),
+    pytest.param("kitchen", "SameStep", {"control_mode": "ee_delta_position", **LAYOUT}, marks=pytest.mark.nightly),
+    pytest.param("kitchen", "Disabled", {"control_mode": "ee_pose"}, marks=pytest.mark.nightly),
     ("microwave_table", "NextStep", {"control_mode": "joint_delta", **LAYOUT}),
 ]
 

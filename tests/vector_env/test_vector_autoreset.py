@@ -124,7 +124,7 @@ def assert_equal_for_ever(ours, theirs, actions):
             ("no noise", "Disabled"),
         ],
         kept=[("lists", "NextStep"), ("dense", "SameStep")],
-        thorough=[
+        full=[
             ("arrays", "SameStep"),
             ("instructed", "Disabled"),
             ("dense gain", "NextStep"),
@@ -140,7 +140,7 @@ def test_the_kitchen_is_gymnasiums_vector_of_single_ones(name, mode):
     assert (terminated > 0) == (name not in ("paid again", "strict"))
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "mode"),
     brief(
@@ -181,7 +181,7 @@ def test_the_number_of_threads_changes_nothing(env_id, settings, actions, thread
             assert_same(other.step(action), stepped)
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_actions_of_any_real_type_mean_what_they_mean_to_single_ones():
     # As float32 0.1 is another number than as float64: neither is rounded.
     ours, theirs = pair(KITCHEN_ID, "NextStep", feedback="target")
@@ -258,7 +258,7 @@ def test_an_ended_episode_that_is_reset_by_hand_is_not_reset_again():
     assert (truncated.tolist(), info["episode_step"].tolist()) == ([True, False], [1, 0])
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("mode", brief(MODES, kept=["NextStep"]))
 def test_an_episode_may_terminate_and_be_truncated_in_the_same_step(mode):
     env = FrankaKitchenVectorEnv(

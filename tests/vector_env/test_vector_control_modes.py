@@ -30,7 +30,7 @@ BRIEF = [("kitchen", "joint_position"), ("open_cabinet", "ee_delta_position"), (
 FURTHER = [("open_cabinet", "joint_delta"), ("open_cabinet", "ee_pose"), ("microwave_table", "ee_delta_pose")]
 
 
-@pytest.mark.parametrize(("domain", "mode"), brief(CASES, BRIEF, thorough=FURTHER))
+@pytest.mark.parametrize(("domain", "mode"), brief(CASES, BRIEF, full=FURTHER))
 def test_every_control_mode(domain, mode):
     autoreset = MODES[CASES.index((domain, mode)) % len(MODES)]
     settings = {"control_mode": mode, **DRAWS[domain]}
@@ -49,7 +49,7 @@ def test_every_autoreset_mode(domain, autoreset):
 
 
 @pytest.mark.parametrize(
-    ("domain", "mode"), [pytest.param("kitchen", "ee_pose", marks=pytest.mark.slow), ("open_cabinet", "joint_delta")]
+    ("domain", "mode"), [pytest.param("kitchen", "ee_pose", marks=pytest.mark.nightly), ("open_cabinet", "joint_delta")]
 )
 def test_the_number_of_threads_changes_nothing(domain, mode):
     env_id, actions = suite.DOMAINS[domain].env_id, actions_for(domain, mode)
@@ -60,7 +60,7 @@ def test_the_number_of_threads_changes_nothing(domain, mode):
         np.testing.assert_equal(three.step(action)[:4], one.step(action)[:4])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_resting_objects_may_sleep():
     settings = {"control_mode": "ee_delta_pose", "sleep": True}
     ours, theirs = pair(suite.DOMAINS["kitchen"].env_id, "NextStep", max_episode_steps=9, **settings)

@@ -191,11 +191,11 @@ def test_minus_one_lifts_the_limit_as_it_does_for_make():
 @pytest.mark.parametrize(
     ("env_id", "wrapper", "mode"),
     [
-        pytest.param(OPEN_CABINET_ID, RecordEpisodeStatistics, "NextStep", marks=pytest.mark.slow),
+        pytest.param(OPEN_CABINET_ID, RecordEpisodeStatistics, "NextStep", marks=pytest.mark.nightly),
         (OPEN_CABINET_ID, RecordEpisodeStatistics, "SameStep"),
         (OPEN_CABINET_ID, NormalizeReward, "SameStep"),
         (OPEN_CABINET_ID, DictInfoToList, "NextStep"),
-        pytest.param(KITCHEN_ID, DictInfoToList, "SameStep", marks=pytest.mark.slow),
+        pytest.param(KITCHEN_ID, DictInfoToList, "SameStep", marks=pytest.mark.nightly),
         (KITCHEN_ID, FlattenObservation, "NextStep"),
     ],
 )

@@ -21,7 +21,7 @@ from mujoco.batch import SimulationError
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 SINGLES = {FrankaKitchenVectorEnv: FrankaKitchenEnv, FrankaOpenCabinetVectorEnv: FrankaOpenCabinetEnv}
 # Settings with which resets and steps of the cabinet draw random numbers.
@@ -150,7 +150,7 @@ def interrupt(*args, **kwargs):
     ("vector", "path"),
     [
         (FrankaKitchenVectorEnv, "_episodes._draw_actions"),
-        pytest.param(FrankaKitchenVectorEnv, "_episodes._draw_noise", marks=pytest.mark.slow),
+        pytest.param(FrankaKitchenVectorEnv, "_episodes._draw_noise", marks=pytest.mark.nightly),
         (FrankaOpenCabinetVectorEnv, "_episodes._draw_actions"),
         (FrankaOpenCabinetVectorEnv, "_episodes._draw_noise"),
         (FrankaOpenCabinetVectorEnv, "_episodes.batch.step"),

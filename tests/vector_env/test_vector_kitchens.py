@@ -96,7 +96,7 @@ def play(env, singles, mode, steps, resets=lambda ended: ended):
     return ended
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_every_row_of_sixteen_designs_is_the_single_environment_of_its_design_and_seed():
     settings = {"verbs": VERBS, "max_episode_steps": 6}
     env = gymnasium.make_vec(
@@ -109,7 +109,7 @@ def test_every_row_of_sixteen_designs_is_the_single_environment_of_its_design_an
     play(env.unwrapped, singles, mode, 16, resets=lambda ended: ended | (random.random(20) < 0.1))
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("mode", AutoresetMode)
 @pytest.mark.parametrize("threads", [1, 5])
 def test_every_row_is_the_single_environment_with_all_that_an_episode_may_hold(mode, threads):
@@ -168,7 +168,7 @@ def test_a_reset_asks_each_kitchen_for_tasks_of_its_own():
     assert env.instruction == tuple(single.instruction for single in singles)
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_where_a_simulation_diverges_only_its_own_episode_ends():
     env, twin = many(), many()
     env.reset(seed=SEED)
@@ -184,7 +184,7 @@ def test_where_a_simulation_diverges_only_its_own_episode_ends():
     assert infos["episode_step"].tolist() == [1, 1, 0, 1, 1]
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.rendering
 def test_pictures_are_those_of_each_kitchen():
     settings = {"obs_type": "pixels", "cameras": ["overview"], "image_size": (32, 48), **SEEN}

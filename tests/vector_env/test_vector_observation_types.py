@@ -10,7 +10,7 @@ from helpers.open_cabinet import VARIED
 
 from kitchen_suite import suite
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 EXTRAS = ["franka/end_effector_pose", "franka/end_effector_velocity", "franka/gripper_width"]
 PIXELS = {"image_size": [20, 28], "render_quality": "fast", "cameras": ["overview", "franka/hand"]}
@@ -43,7 +43,7 @@ def cases():
             marks = [pytest.mark.rendering] if name.startswith("pixels") else []
             # The same code runs for all domains.
             if (domain, name) not in IN_EVERY_RUN:
-                marks.append(pytest.mark.slow)
+                marks.append(pytest.mark.nightly)
             yield pytest.param(domain, settings, id=f"{domain} {name}", marks=marks)
 
 
@@ -96,7 +96,7 @@ def test_observations_equal_those_of_the_single_environments(domain, settings):
 @pytest.mark.rendering
 @pytest.mark.parametrize(
     "mode",
-    [pytest.param(AutoresetMode.NEXT_STEP, marks=pytest.mark.slow), AutoresetMode.DISABLED],
+    [pytest.param(AutoresetMode.NEXT_STEP, marks=pytest.mark.nightly), AutoresetMode.DISABLED],
     ids=lambda mode: mode.value,
 )
 def test_pictures_follow_the_autoreset_mode(mode):

@@ -10,7 +10,7 @@ from helpers.open_cabinet import VARIED
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 SMALL = {"width": 96, "height": 64}
 # Without visual geoms: for tests that do not look at the robot.
@@ -36,7 +36,7 @@ def actions_for(env, steps):
 
 @pytest.mark.rendering
 @pytest.mark.parametrize(
-    ("env_id", "camera"), [pytest.param(KITCHEN_ID, "overview", marks=pytest.mark.slow), (OPEN_CABINET_ID, None)]
+    ("env_id", "camera"), [pytest.param(KITCHEN_ID, "overview", marks=pytest.mark.nightly), (OPEN_CABINET_ID, None)]
 )
 def test_pictures_are_those_of_the_single_environments(env_id, camera):
     settings = {**SMALL, "camera_name": camera, "render_mode": "rgb_array"}

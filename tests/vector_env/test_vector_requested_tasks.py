@@ -41,7 +41,7 @@ def single_episodes(i, actions, mode, arguments):
 
 @pytest.mark.parametrize(
     "arguments",
-    [{}, pytest.param({"tasks_in_turn": True}, marks=pytest.mark.thorough)],
+    [{}, pytest.param({"tasks_in_turn": True}, marks=pytest.mark.full)],
     ids=["at once", "in turn"],
 )
 @pytest.mark.parametrize("mode", brief(AutoresetMode, [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP]))

@@ -13,7 +13,7 @@ from helpers.vectors import batch
 from kitchen_suite import suite
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 COUNT, STEPS, EPISODE = 3, 10, 4
 MODES = [mode.value for mode in AutoresetMode]
@@ -118,7 +118,7 @@ def test_environments_are_gymnasiums_vector_of_single_ones(domain, mode, split, 
         assert len(drawn) >= 3 * COUNT, name
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("split", SPLITS)
 @pytest.mark.parametrize("mode", MODES)
 @each_domain
@@ -335,7 +335,7 @@ def test_pictures_are_those_of_single_environments():
     assert_pictures("microwave_table")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.rendering
 @pytest.mark.parametrize("split", SPLITS)
 @each_domain

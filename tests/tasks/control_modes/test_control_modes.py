@@ -203,7 +203,7 @@ def test_a_quaternion_without_direction_is_refused(norm):
 
 
 @pytest.mark.parametrize(
-    "feedback", ["observed", *(pytest.param(name, marks=pytest.mark.slow) for name in ("true", "target"))]
+    "feedback", ["observed", *(pytest.param(name, marks=pytest.mark.nightly) for name in ("true", "target"))]
 )
 def test_joint_positions_repeat_an_episode_of_velocities(feedback):
     """Targets recorded from `joint_velocity`, in double precision, give the same trajectory to the bit."""

@@ -409,7 +409,7 @@ def test_requests_are_recorded_and_asked_for_again():
             environment.task.requests.recorded(dict(zip(arrays, wrong, strict=True)))
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_the_commands_play_record_and_replay_it(folder, capsys):
     (folder / "mine.json").write_text(json.dumps(MINE), encoding="utf-8")
     domain = ["--domain_name=kitchens", "--task_name=any_2", "--max_episode_steps=5", "--variations=start,dynamics"]

@@ -105,7 +105,7 @@ def test_states_and_copies_keep_them():
 
 
 @pytest.mark.parametrize(
-    "mode", [AutoresetMode.SAME_STEP, pytest.param(AutoresetMode.DISABLED, marks=pytest.mark.thorough)]
+    "mode", [AutoresetMode.SAME_STEP, pytest.param(AutoresetMode.DISABLED, marks=pytest.mark.full)]
 )
 def test_vectorised_kitchens_have_their_own(mode):
     arguments = {"tasks_per_episode": (1, 3), "goal_states": 2}
@@ -167,7 +167,7 @@ PICTURES = {"obs_type": "pixels_agent_pos", "image_size": [24, 32], "render_qual
 @pytest.mark.parametrize(
     "cameras",
     [
-        pytest.param(["workspace"], id="one camera", marks=pytest.mark.thorough),
+        pytest.param(["workspace"], id="one camera", marks=pytest.mark.full),
         pytest.param(["workspace", "franka/hand"], id="two cameras"),
     ],
 )
@@ -190,7 +190,7 @@ def test_a_goal_is_shown_as_the_kitchen_looks_there(cameras):
     np.testing.assert_equal(env.set_state(state), observation)
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.rendering
 def test_the_suites_own_environment_shows_goals():
     arguments = {"goal_states": 1, "cameras": ["workspace", "franka/hand"], "image_size": [24, 32]}
@@ -209,7 +209,7 @@ def test_the_suites_own_environment_shows_goals():
             np.testing.assert_array_equal(value, observation[key])
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.rendering
 def test_vectorised_kitchens_show_their_own_goals():
     arguments = {"tasks_per_episode": (1, 3), "goal_states": 1, "cameras": ["workspace", "franka/hand"], **PICTURES}

@@ -64,14 +64,14 @@ def greatest_fall(potential):
     return (np.maximum.accumulate(means) - means).max()
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("tasks", "seeds"),
     [
         *(((task,), 1) for task in QUICK),
-        *(pytest.param((task,), 5, marks=pytest.mark.slow) for task in GOALS),
-        pytest.param(tuple(GOALS), 3, marks=pytest.mark.slow),
-        pytest.param(WITH_FAILURES, 2, marks=pytest.mark.slow),
+        *(pytest.param((task,), 5, marks=pytest.mark.nightly) for task in GOALS),
+        pytest.param(tuple(GOALS), 3, marks=pytest.mark.nightly),
+        pytest.param(WITH_FAILURES, 2, marks=pytest.mark.nightly),
     ],
 )
 def test_the_experts_climb_the_potential_and_finishing_earns_more_than_standing_still(tasks, seeds):

@@ -79,7 +79,7 @@ def test_a_saved_state_keeps_the_count():
     assert [other.step(STANDING)[3] for _ in range(2)] == [env.step(STANDING)[3] for _ in range(2)] == [False, True]
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_vectorised_environments_truncate_as_single_ones_do(mode):
     arguments = {**ARGUMENTS, "max_task_steps": LIMIT, "threshold": {"kettle": 10.0, "microwave": 10.0}}

@@ -97,7 +97,7 @@ SETTINGS = {
 }
 
 
-@pytest.mark.parametrize("settings", brief_named(SETTINGS, ["dense_gain"], thorough=["sparse", "variations"]))
+@pytest.mark.parametrize("settings", brief_named(SETTINGS, ["dense_gain"], full=["sparse", "variations"]))
 def test_an_episode_is_that_of_an_environment_with_only_the_tasks_asked(settings):
     """To the bit; also where the tasks asked have reverse ones among them, which alone move the start."""
     full = FrankaKitchenEnv(MIXED, tasks_per_episode=3, **NO_NOISE, **settings)

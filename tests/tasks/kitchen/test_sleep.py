@@ -105,7 +105,7 @@ FAR = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("seed", brief([0, 1], kept=[1]))
 def test_episodes_with_other_starts_and_dynamics_are_nearly_the_same(seed):
     options = {"random": seed, "variations": ["start", "dynamics"], "variation_split": "held_out"}

@@ -28,7 +28,7 @@ def test_a_grasp_pulls_the_bottom_drawer_open():
     assert min(openings) >= 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_fifty_random_starts():
     env = suite.load("open_cabinet", "top_drawer", {"random": 1, "visuals": False})
     assert opened_and_held(env, 50) >= 49

@@ -22,8 +22,8 @@ def random_state(physics, random):
         physics.data.qvel[:] = random.choice([0.1, 1.0]) * random.normal(size=13)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("drawer", ["top", pytest.param("bottom", marks=pytest.mark.slow)])
+@pytest.mark.full
+@pytest.mark.parametrize("drawer", ["top", pytest.param("bottom", marks=pytest.mark.nightly)])
 def test_observation_and_reward_recomputed_at_a_thousand_random_states(drawer):
     env = suite.load("open_cabinet", f"{drawer}_drawer", {"random": 0, "visuals": False})
     random, seen = np.random.default_rng(0), []

@@ -41,7 +41,7 @@ def positions_before_physics(environment, action, step):
     return seen[-1]
 
 
-@pytest.mark.parametrize("domain", brief(suite.DOMAINS, ["kitchen"], thorough=suite.DOMAINS))
+@pytest.mark.parametrize("domain", brief(suite.DOMAINS, ["kitchen"], full=suite.DOMAINS))
 def test_the_arm_is_displaced_at_the_start_of_one_control_step(domain):
     pushed, plain = load(domain, {"step": 2, "joint_offsets": OFFSETS}), load(domain, {"step": 0})
     for environment in (pushed, plain):
@@ -118,10 +118,10 @@ def test_the_group_draws_from_the_episodes_stream():
 @pytest.mark.parametrize(
     ("domain", "settings"),
     [
-        pytest.param("kitchen", {}, marks=pytest.mark.thorough),
+        pytest.param("kitchen", {}, marks=pytest.mark.full),
         ("kitchen", {"physics": "fast", "reward": "dense_gain", **EASY}),
-        pytest.param("kitchen", {"control_mode": "ee_delta_pose", **EASY}, marks=pytest.mark.thorough),
-        pytest.param("open_cabinet", {}, marks=pytest.mark.thorough),
+        pytest.param("kitchen", {"control_mode": "ee_delta_pose", **EASY}, marks=pytest.mark.full),
+        pytest.param("open_cabinet", {}, marks=pytest.mark.full),
         ("microwave_table", {"control_mode": "ee_delta_pose"}),
     ],
 )

@@ -92,7 +92,7 @@ def test_in_varied_starts_nothing_stands_in_anything_else(domain, split):
     assert_free(domain, split, 3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("split", SPLITS)
 @pytest.mark.parametrize(("domain", "count"), [("kitchen", 1000), ("open_cabinet", 300), ("microwave_table", 300)])
 def test_in_many_varied_starts_nothing_stands_in_anything_else(domain, split, count):
@@ -138,7 +138,7 @@ def test_random_actions_in_varied_episodes_stay_finite(domain):
     assert_stays_finite(domain, "held_out", 640)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("split", SPLITS)
 @pytest.mark.parametrize("domain", ["kitchen", "open_cabinet"])
 def test_20_000_random_actions_in_varied_episodes_stay_finite(domain, split):

@@ -13,7 +13,7 @@ from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, around, between, one_of
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 
 def load(domain="kitchen", task=None, random=0, **options):
