@@ -13,6 +13,7 @@ import re
 import shutil
 import sys
 import tempfile
+import textwrap
 from collections.abc import Iterator, Set
 from pathlib import Path
 from typing import Any
@@ -39,7 +40,7 @@ _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 # A badge, or any other image that a browser would load from another site; a badge is itself the text of a link.
 _FOREIGN_IMAGE = re.compile(r"\[!\[[^\]]*\]\(https?:[^)]*\)\]\([^)]*\)\n?|!\[[^\]]*\]\(https?:[^)]*\)\n?")
 _FENCE = re.compile(r"^(\s*```\w+) .*$", re.MULTILINE)
-_CODE = re.compile(r"^(\s*)```.*?^\1```$", re.MULTILINE | re.DOTALL)
+_CODE = re.compile(r"^([ \t]*)```.*?^\1```$", re.MULTILINE | re.DOTALL)
 _NESTED = re.compile(r"^((?:  )+)(?=- )", re.MULTILINE)
 # Languages of the files that are shown as pages, by the end of their name; all others are plain text.
 _LANGUAGES = {".py": "python", ".yaml": "yaml", ".json": "json"}
@@ -118,11 +119,19 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     if name in _WIDE_PAGES:
         page.meta["hide"] = ["navigation", "toc"]
     sources = {file.src_uri for file in files if file.inclusion.is_included()}
+    page.meta.setdefault("description", _description(markdown))
     text = _adapted(markdown, _source(name), name, sources)
     if _README in text:
         _, _, readme = (ROOT / "README.md").read_text(encoding="utf-8").partition("\n")
         text = text.replace(_README, _adapted(readme, "README.md", name, sources))
     return text
+
+
+def _description(markdown: str) -> str:
+    """Returns the first sentences of a page as plain text, which search engines show."""
+    paragraphs = [each for each in _CODE.sub("", markdown).split("\n\n") if re.match(r"\s*[\w`\"]", each)]
+    text = _LINK.sub(r"\2", paragraphs[0] if paragraphs else "").replace("`", "").replace('"', "'")
+    return textwrap.shorten(text, 200, placeholder=" ...")
 
 
 def _adapted(markdown: str, source: str, name: str, sources: Set[str]) -> str:

@@ -153,6 +153,13 @@ def test_the_site_has_no_scripts_nor_results_of_experiments_but_those_linked_to(
 
 
 @pytest.mark.clients
+def test_pages_of_the_guide_have_descriptions_of_their_own(site):
+    texts = [page.read_text(encoding="utf-8") for page in (site / "guide").glob("*.html")]
+    found = [re.search(r'<meta name="description" content="([^"]*)"', text)[1] for text in texts]
+    assert len(set(found)) == len(found) > 20
+
+
+@pytest.mark.clients
 def test_marks_of_blocks_are_not_shown(pages):
     for page in pages:
         assert "<p>```" not in page.read_text(encoding="utf-8"), page.name
