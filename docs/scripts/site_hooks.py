@@ -129,7 +129,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def _description(markdown: str) -> str:
     """Returns the first sentences of a page as plain text, which search engines show."""
-    paragraphs = [each for each in _CODE.sub("", markdown).split("\n\n") if re.match(r"\s*[\w`\"]", each)]
+    paragraphs = [each for each in _CODE.sub("", markdown).split("\n\n") if re.match(r"\s*[\w`\"[]", each)]
     text = _LINK.sub(r"\2", paragraphs[0] if paragraphs else "").replace("`", "").replace('"', "'")
     return textwrap.shorten(text, 200, placeholder=" ...")
 
