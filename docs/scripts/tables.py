@@ -793,7 +793,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "my_task": functools.partial(example, "my_task"),
     "mug": functools.partial(example, "mug"),
     "my_control_mode": functools.partial(example, "my_control_mode"),
-    "my_arm": functools.partial(example, "my_arm", " thorough"),
+    "my_arm": functools.partial(example, "my_arm", " full"),
     "fixtures": fixture_table,
     "kitchens_tasks": functools.partial(task_table, "kitchens"),
     "kitchens_observation": functools.partial(part_table, kitchens.SLICES, _KITCHENS_CONTENT),
