@@ -7,6 +7,7 @@ Episodes are played by functions, of environments that an `EnvironmentSpec` desc
 
 - `play`: episodes of a policy; `record`: to a folder, which `convert` makes data sets of
 - `evaluate`: a policy under a published protocol; `replay`: a recording, or the receipt of an evaluation, again
+- `compare`: two policies on the same episodes
 
 The parts are submodules, imported when first used:
 
@@ -34,6 +35,7 @@ if _TYPE_CHECKING:
     from kitchen_suite.episodes.play import play as play
     from kitchen_suite.episodes.record import record as record
     from kitchen_suite.episodes.spec import EnvironmentSpec as EnvironmentSpec
+    from kitchen_suite.evaluation.compare import compare as compare
     from kitchen_suite.evaluation.evaluate import evaluate as evaluate
     from kitchen_suite.evaluation.replay import replay as replay
 
@@ -42,6 +44,7 @@ __version__ = "1.0.0"
 _MODULES = ["entities", "environment", "gymnasium_env", "policies", "suite", "tasks", "vector_env"]
 _FUNCTIONS = {
     "EnvironmentSpec": "kitchen_suite.episodes.spec:EnvironmentSpec",
+    "compare": "kitchen_suite.evaluation.compare:compare",
     "convert": "kitchen_suite.datasets.convert:convert",
     "evaluate": "kitchen_suite.evaluation.evaluate:evaluate",
     "play": "kitchen_suite.episodes.play:play",
@@ -51,6 +54,7 @@ _FUNCTIONS = {
 
 __all__ = [
     "EnvironmentSpec",
+    "compare",
     "convert",
     "entities",
     "environment",

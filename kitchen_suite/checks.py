@@ -11,7 +11,6 @@ import importlib.util
 import json
 import math
 import numbers
-import pkgutil
 import re
 import reprlib
 import shlex
@@ -58,9 +57,6 @@ EXTRA_PYTHONS: Mapping[str, tuple[int, int]] = {"lerobot": (3, 12)}
 _DISTRIBUTION = "kitchen-suite"
 
 _SEPARATORS = re.compile(r"[-_/.\s]+")
-
-# The file of a module in place of its name, with the name of an object or without.
-_FILE_OF_A_MODULE = re.compile(r"(?P<path>.+)\.py(:(?P<name>\w*))?")
 
 _MAX_SHOWN = 200  # Characters of a value in a message.
 _SHORTENED = " (shortened) "  # In place of the middle of a longer one.
@@ -163,24 +159,6 @@ def _requirement(extra: str) -> str:
     vcs = source.get("vcs_info")
     url = f"{vcs['vcs']}+{source['url']}@{vcs['commit_id']}" if vcs else source["url"]
     return shlex.quote(f"{_DISTRIBUTION}[{extra}] @ {url}")
-
-
-def imported(name: str, what: str) -> Any:
-    """Returns the object `module:name`, also from the working directory; the ValueError of no such one names `what`."""
-    if match := _FILE_OF_A_MODULE.fullmatch(name):
-        path = Path(match["path"])
-        module = path.name if path.is_absolute() or ".." in path.parts else ".".join(path.parts)
-        folder = "" if module != path.name or path.parent == Path() else ", from the folder of the file"
-        meant = f"{module}:{match['name'] or 'NAME'}"
-        raise ValueError(f"{what} {shown(name)} is a file: name its module, without .py, as {meant}{folder}")
-    # Unlike `python -m`, console scripts do not look there. Last, so that it hides no installed module.
-    if (directory := str(Path.cwd())) not in sys.path:
-        sys.path.append(directory)
-    try:
-        return pkgutil.resolve_name(name)
-    except (Exception, SystemExit) as error:  # Importing runs the code of the module.
-        problem = shortened(f"{type(error).__name__}: {error}", 500)
-        raise ValueError(f"{what} {shown(name)} cannot be imported: {problem}") from error
 
 
 def _hint(value: object, choices: Collection[str]) -> str:

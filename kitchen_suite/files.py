@@ -115,6 +115,13 @@ class DescribedFolder:
         except FileExistsError as error:
             raise FileExistsError(f"{folder} holds {self.kind} already: {self.remedy}") from error
 
+    def withdraw(self, folder: Path) -> None:
+        """Removes the description of a folder without contents, and the folder if there is nothing else in it."""
+        if not any(folder.glob(self.contents)):
+            (folder / self.file).unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
     def load(self, folder: Path) -> Any:
         """Returns the description of a folder; raises an OSError if there is none or it cannot be read."""
         path = folder / self.file
@@ -208,10 +215,22 @@ def cache_folder() -> Path | None:
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Path:
     """Writes a compressed npz of `arrays` and, as a string of JSON, `metadata`; returns the file."""
-    packed = pack_arrays({**arrays, "metadata": np.array(json.dumps(metadata))})
+    packed = _pack_with_metadata(arrays, metadata)
     with atomic_write(path) as partial:
         partial.write_bytes(packed)
     return path
+
+
+def create_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Path:
+    """Writes what `save_arrays` does to a new file; raises a FileExistsError if there is one, as `atomic_create`."""
+    packed = _pack_with_metadata(arrays, metadata)
+    with atomic_create(path) as partial:
+        partial.write_bytes(packed)
+    return path
+
+
+def _pack_with_metadata(arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> bytes:
+    return pack_arrays({**arrays, "metadata": np.array(json.dumps(metadata))})
 
 
 def pack_arrays(arrays: Mapping[str, NDArray]) -> bytes:

@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import checks, lazy
+from kitchen_suite import checks, imports, lazy
 from kitchen_suite.domains.base import Domain
 from kitchen_suite.domains.generated_kitchens import KITCHENS
 from kitchen_suite.domains.kitchen import KITCHEN
@@ -232,12 +232,22 @@ def find_domain(name: str) -> Domain:
         if owners and name not in DOMAINS:
             raise ValueError(f"{name!r} is a task, not a domain: choose domain {owners[0]!r}")
         return DOMAINS[checks.choice(name, DOMAINS.keys(), "domain")]
-    domain = checks.imported(name, "domain")
+    domain = imports.named(name, "domain")
     if not isinstance(domain, Domain):
         raise ValueError(f"domain {checks.shown(name)} is no kitchen_suite.suite.Domain: it is {checks.shown(domain)}")
     if DOMAINS.get(domain.name) != domain:
         register(domain)
     return DOMAINS[domain.name]
+
+
+def check_named(domain_name: object, task_kwargs: Mapping[str, Any]) -> None:
+    """Raises a ValueError for a domain or a robot of somebody's own that a file names, and nobody else here.
+
+    Files may name the suite's own, those that this program has registered, and those of `find_domain("module:NAME")`
+    and `entities.arms.robot_spec("module:NAME")`.
+    """
+    imports.check_named(domain_name, "domain")
+    imports.check_named(task_kwargs.get("robot"), "robot")
 
 
 def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:

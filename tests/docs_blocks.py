@@ -22,7 +22,7 @@ PYTEST_MARKS = ("full", "nightly", "clients", "ray", "lerobot", "web", "vla_eval
 PARSED_MARKS = ("hours", "ci")
 INTERPRETERS = {"python": (sys.executable,), "sh": ("bash", "-e")}
 PARSED_PROGRAMS = (
-    *(f"kitchen-{name}" for name in ("rollout", "record", "replay", "train", "play", "evaluate")),
+    *(f"kitchen-{name}" for name in ("rollout", "record", "replay", "train", "play", "evaluate", "compare")),
     *("kitchen-export", "kitchen-convert", "kitchen-view", "kitchen-suite"),
     *("pytest", "python", "lerobot-train", "lerobot-eval"),
 )

@@ -17,19 +17,21 @@ import gymnasium
 import mujoco
 import numpy as np
 from dm_control import composer, mjcf
+from mujoco.batch import Batch
 from numpy.typing import NDArray
 from original import original_model, patched_kitchen_env
 
 from kitchen_suite import suite
 from kitchen_suite.domains.base import Domain
 from kitchen_suite.entities import OpenCabinetScene, build_kitchen_scene, build_open_cabinet_scene
-from kitchen_suite.environment import Environment
+from kitchen_suite.environment import INTEGRATION_STATE, Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks import KitchenTask
 from kitchen_suite.tasks.control_modes.joints import ACTION_SIZE, DEFAULT_POSE
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, position_target
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.open_cabinet import mdp
+from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Names of cases that every domain has.
 BARE = "bare mj_step"
@@ -46,7 +48,7 @@ NUM_THREADS = (1, 2)
 _KITCHEN_ACTION_SIZE = 9
 _ARM = slice(7)
 
-Control = Callable[[mujoco.MjData, NDArray[np.float64]], None]
+Control = Callable[[mujoco.MjData | Batch, NDArray[np.float64]], None]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -89,6 +91,42 @@ class Case:
         return cls(episode=episode)
 
 
+class BareBatch:
+    """The physics steps of vectorised environments alone, in MuJoCo's own batch of as many simulations."""
+
+    def __init__(self, environments: SuiteVectorEnv, num_threads: int, control: Control) -> None:
+        """Copies the model of environments that have been reset, and the state in which one of their episodes starts.
+
+        Before the physics steps of a control step, `control` sets the controls for the actions.
+        """
+        physics = environments.template_env.environment.physics
+        model, data = physics.model.ptr, physics.data.ptr
+        self._start = np.empty(mujoco.mj_stateSize(model, INTEGRATION_STATE))
+        mujoco.mj_getState(model, data, self._start, INTEGRATION_STATE)
+        self._substeps = environments.composer_task.physics_steps_per_control_step
+        self._batch = Batch(model, environments.num_envs, num_threads, persistent=True)
+        self._control = control
+
+    def reset(self) -> None:
+        """Starts an episode in every simulation."""
+        self._batch.state[:] = self._start
+
+    def step(self, actions: NDArray[np.float64]) -> None:
+        """Makes a control step with actions `(n, k)`."""
+        self._control(self._batch, actions)
+        self._batch.step(nstep=self._substeps)
+
+    @property
+    def states(self) -> NDArray[np.float64]:
+        """State `(n, k)` of each simulation, an `INTEGRATION_STATE`; a live view."""
+        states: NDArray[np.float64] = self._batch.state
+        return states
+
+    def close(self) -> None:
+        """Frees the simulations and their threads."""
+        del self._batch
+
+
 class BenchmarkDomain(abc.ABC):
     """Environments of a domain whose speed is measured, and what they are compared with.
 
@@ -104,6 +142,11 @@ class BenchmarkDomain(abc.ABC):
     @abc.abstractmethod
     def draw_actions(self, rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
         """Draws actions `(*shape, n)` with which no episode terminates."""
+
+    @staticmethod
+    @abc.abstractmethod
+    def control(data: mujoco.MjData | Batch, action: NDArray[np.float64]) -> None:
+        """Sets the controls of one or many simulations for actions `(..., n)`, as the environments do without noise."""
 
     @abc.abstractmethod
     def bare_cases(self) -> dict[str, Case]:
@@ -174,10 +217,15 @@ class KitchenBenchmark(BenchmarkDomain):
     def draw_actions(self, rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
         return rng.uniform(-1.0, 1.0, (*shape, _KITCHEN_ACTION_SIZE))
 
+    @staticmethod
+    def control(data: mujoco.MjData | Batch, action: NDArray[np.float64]) -> None:
+        positions = data.qpos[..., :_KITCHEN_ACTION_SIZE]
+        data.ctrl[:] = position_target(positions, action, velocity_scale=2.0, timestep=CONTROL_TIMESTEP)
+
     def bare_cases(self) -> dict[str, Case]:
         suite_model = mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=False).arena.mjcf_model).model.ptr
         return {
-            name: Case.bare(model, INITIAL_QPOS, round(CONTROL_TIMESTEP / PHYSICS_TIMESTEP), _control_kitchen)
+            name: Case.bare(model, INITIAL_QPOS, round(CONTROL_TIMESTEP / PHYSICS_TIMESTEP), self.control)
             for name, model in {BARE: original_model(), f"{BARE}, the suite's model": suite_model}.items()
         }
 
@@ -236,11 +284,6 @@ def _has_envpool() -> bool:
     return importlib.util.find_spec("envpool") is not None
 
 
-def _control_kitchen(data: mujoco.MjData, action: NDArray[np.float64]) -> None:
-    positions = data.qpos[:_KITCHEN_ACTION_SIZE]
-    data.ctrl[:] = position_target(positions, action, velocity_scale=2.0, timestep=CONTROL_TIMESTEP)
-
-
 class EmptyTask(composer.Task):
     """A task without observations or rewards, which only sets controls; its speed is that of composer itself."""
 
@@ -273,21 +316,21 @@ class OpenCabinetBenchmark(BenchmarkDomain):
         # Joint offsets so small that the episode does not terminate.
         return rng.normal(0.0, 0.01, (*shape, ACTION_SIZE))
 
+    @staticmethod
+    def control(data: mujoco.MjData | Batch, action: NDArray[np.float64]) -> None:
+        data.ctrl[..., _ARM] = data.qpos[..., _ARM] + action[..., _ARM]
+
     def bare_cases(self) -> dict[str, Case]:
         environment = self.load(visuals=False)
         environment.reset()
         physics = environment.physics
         substeps = round(mdp.CONTROL_TIMESTEP / mdp.PHYSICS_TIMESTEP)
-        return {BARE: Case.bare(physics.model.ptr, physics.data.qpos.copy(), substeps, _control_cabinet)}
+        return {BARE: Case.bare(physics.model.ptr, physics.data.qpos.copy(), substeps, self.control)}
 
     def further_cases(self) -> dict[str, Case]:
         task = EmptyTask(build_open_cabinet_scene(visuals=False))
         environment = composer.Environment(task, recompile_mjcf_every_episode=False)
         return {"a task without observations or rewards": Case.of(environment)}
-
-
-def _control_cabinet(data: mujoco.MjData, action: NDArray[np.float64]) -> None:
-    data.ctrl[_ARM] = data.qpos[_ARM] + action[_ARM]
 
 
 DOMAINS: Mapping[str, BenchmarkDomain] = {"kitchen": KitchenBenchmark(), "open_cabinet": OpenCabinetBenchmark()}

@@ -13,6 +13,9 @@ from tabulate import tabulate
 from kitchen_suite import checks
 from kitchen_suite.versions import installed_versions
 
+# Packages that are measured beside the suite.
+_OTHERS = ("envpool", "mujoco-warp", "warp-lang")
+
 # Header and rows.
 Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 
@@ -36,13 +39,56 @@ def _statistics(row: Mapping[str, float]) -> list[str]:
 
 
 def scaling_tables(results: Mapping[str, Any]) -> list[Table]:
-    """Returns a table of throughput and memory by number of environments and threads."""
+    """Returns a table of throughput by number of environments and threads, beside MuJoCo's own batch, and of memory."""
     rows = []
     for row in results["results"]:
-        memory = "" if row["memory"] is None else f"{row['memory']:.2f}"
-        name = f"{row['vector_env']}, {row['num_envs']}"
-        rows.append((name, str(row["num_threads"]), f"{row['steps_per_second']:.0f}", memory))
-    return [(("environments", "threads", "steps/s", "MiB per environment"), rows)]
+        rows.append(
+            (
+                f"{row['vector_env']}, {row['num_envs']}",
+                str(row["num_threads"]),
+                f"{row['steps_per_second']:.0f}",
+                f"{row['steps_per_second'] / row['num_threads']:.0f}",
+                _number(row["efficiency"]),
+                _number(row["bare_efficiency"]),
+                _number(row["of_bare"]),
+                f"{row['reset']:.2f}",
+                _number(row["memory"]),
+            )
+        )
+    header = (
+        "environments",
+        "threads",
+        "steps/s",
+        "per thread",
+        "efficiency",
+        "that of MuJoCo's batch",
+        "steps/s relative to it",
+        "reset [control steps]",
+        "MiB each",
+    )
+    return [(header, rows)]
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"
+
+
+def warp_tables(results: Mapping[str, Any]) -> list[Table]:
+    """Returns tables of MuJoCo Warp's throughput, of its agreement with C, and of the tasks that it completes."""
+    rates = [
+        (str(row["worlds"]), f"{row['steps_per_second']:.0f}", f"{row['compile_seconds']:.1f}")
+        for row in results["results"]
+    ]
+    parted = results["agreement"]
+    agreement = [(name, f"{parted[name]['median']:.1e}", f"{parted[name]['greatest']:.1e}") for name in parted]
+    played = results["open_loop"]
+    completed = [(task, f"{number} of {played['worlds']}") for task, number in played["completed"].items()]
+    completed.append(("greatest distance of the kettle from where it is in C [m]", f"{played['kettle_distance']:.4f}"))
+    return [
+        (("worlds", "control steps/s", "compilation and first step [s]"), rates),
+        (("difference from C after a control step", "median", "greatest"), agreement),
+        (("by the expert's recorded controls", "worlds that complete the task"), completed),
+    ]
 
 
 def soak_tables(results: Mapping[str, Any]) -> list[Table]:
@@ -80,23 +126,36 @@ TABLES: Mapping[str, Callable[[Mapping[str, Any]], list[Table]]] = {
     "scaling": scaling_tables,
     "soak": soak_tables,
     "rendering": rendering_tables,
+    "warp": warp_tables,
 }
 
 
 def plain(results: Mapping[str, Any]) -> str:
-    """Returns all tables for a terminal, with the command and the versions."""
+    """Returns all tables for a terminal, with the command, the machine and the versions."""
     return _document(results, "simple")
 
 
 def markdown(results: Mapping[str, Any]) -> str:
-    """Returns all tables in Markdown, with the command and the versions."""
+    """Returns all tables in Markdown, with the command, the machine and the versions."""
     return f"{_document(results, 'pipe')}.\n"
 
 
 def _document(results: Mapping[str, Any], style: str) -> str:
     tables = TABLES[results["measure"]](results)
     versions = ", ".join(f"{name} {version}" for name, version in results["versions"].items())
-    return "\n\n".join([*(_table(*each, style) for each in tables), f"`{results['command']}`: {versions}"])
+    source = f"`{results['command']}`: {_machine(results)}{versions}"
+    return "\n\n".join([*(_table(*each, style) for each in tables), source])
+
+
+def _machine(results: Mapping[str, Any]) -> str:
+    """Returns the machine of results that name it, and how busy it was with other programs."""
+    machine = results.get("machine")
+    if machine is None:
+        return ""
+    before = machine["load_before"]
+    load = "" if before is None else f" (load by other programs before: {before:.1f})"
+    device = f"{results['device']}, " if "device" in results else ""
+    return f"{device}{machine['processors']} processors {machine['processor']}{load}, "
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]], style: str) -> str:
@@ -119,12 +178,12 @@ def command_line(parser: argparse.ArgumentParser, options: argparse.Namespace) -
     for name, value in vars(options).items():
         if name != "json" and value != parser.get_default(name):
             text = ",".join(map(str, value)) if isinstance(value, tuple) else value
-            flags.append(f"--{name}={text}")
+            flags.append(f"--{name}" if value is True else f"--{name}={text}")
     return " ".join([f"python docs/experiments/{Path(sys.argv[0]).name}", *flags])
 
 
 def versions() -> dict[str, str]:
-    """Returns the versions that speed depends on: of Python, the suite, its packages, and EnvPool where installed."""
-    envpool = checks.version_of("envpool")
-    known = {"python": platform.python_version(), **installed_versions()}
-    return {**known, "envpool": envpool} if envpool else known
+    """Returns the versions that speed depends on: of Python, the suite, its packages, and others where installed."""
+    others = {name: checks.version_of(name) for name in _OTHERS}
+    found = {name: version for name, version in others.items() if version}
+    return {"python": platform.python_version(), **installed_versions(), **found}

@@ -2,22 +2,18 @@
 
 python docs/experiments/benchmarks.py                                        ratios of control steps per second
 python docs/experiments/benchmarks.py --domain_name=open_cabinet --rounds=31
-python docs/experiments/benchmarks.py --measure=scaling --num_envs=1,8,32    by number of environments and threads
 python docs/experiments/benchmarks.py --measure=soak                         memory over a million control steps
 
 Machines are shared and noisy, so only ratios are comparable: in every round each case plays one episode with the same
 actions, and its rate is divided by that of bare MuJoCo in the same round. The table has the median over the rounds.
-`pip install envpool` adds rows of EnvPool. `python docs/experiments/rendering.py` measures frames.
+`pip install envpool` adds rows of EnvPool. `rendering.py` measures frames, and `scaling.py` more threads and
+environments.
 """
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 
 # isort: split
 import argparse
-import concurrent.futures
-import contextlib
-import itertools
-import multiprocessing
 import statistics
 import time
 import timeit
@@ -26,7 +22,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from benchmark_cases import DOMAINS, ENVPOOL, NUM_THREADS, BenchmarkDomain, Case
+from benchmark_cases import DOMAINS, NUM_THREADS, BenchmarkDomain, Case
 from benchmark_tables import print_results
 from experiment import make_parser, positive, resident_memory
 from numpy.typing import NDArray
@@ -38,7 +34,6 @@ from kitchen_suite.environment import Environment
 Rates = dict[str, list[float]]
 
 _SOAK_SAMPLES = 20
-_MAX_ENVPOOL = 128  # Number of EnvPool's environments that still fit into the memory of common machines.
 
 
 def measure_rates(domain: BenchmarkDomain, cases: Mapping[str, Case], *, rounds: int, steps: int) -> Rates:
@@ -125,53 +120,6 @@ def _make_no_step(count: int = 1) -> None:
     """Takes the place of the physics steps of a control step."""
 
 
-def throughput(domain: BenchmarkDomain, environments: gymnasium.vector.VectorEnv, *, num_steps: int) -> float:
-    """Measures the control steps per second of vectorised environments, over about `num_steps` in total."""
-    num_envs = environments.num_envs
-    actions = domain.draw_actions(np.random.default_rng(0), (max(num_steps // num_envs, 1), num_envs))
-    environments.reset(seed=0)
-    environments.step(actions[0])
-    start = time.perf_counter()
-    for action in actions:
-        environments.step(action)
-    return len(actions) * num_envs / (time.perf_counter() - start)
-
-
-def memory_in_use(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
-    """Returns the memory that this process holds with vectorised environments that have made a few steps [MiB]."""
-    environments = domain.vector_env(name, num_envs, 1)
-    environments.reset()
-    for actions in domain.draw_actions(np.random.default_rng(0), (5, num_envs)):
-        environments.step(actions)
-    return resident_memory()
-
-
-def memory_per_environment(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
-    """Measures the memory of each environment beyond the first [MiB], in new processes with one and all of them."""
-    memory = []
-    for count in (1, num_envs):
-        with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as executor:
-            memory.append(executor.submit(memory_in_use, domain, name, count).result())
-    return (memory[1] - memory[0]) / (num_envs - 1)
-
-
-def scaling(domain: BenchmarkDomain, num_envs: Sequence[int], num_steps: int) -> list[dict[str, Any]]:
-    """Measures throughput by number of environments and threads, and memory per environment [MiB] on one thread.
-
-    Each measurement of throughput makes `num_steps` control steps, over all environments.
-    """
-    rows = []
-    for name, count, threads in tqdm([*itertools.product(domain.vector_names, num_envs, NUM_THREADS)], disable=None):
-        if name == ENVPOOL and count > _MAX_ENVPOOL:
-            continue
-        with contextlib.closing(domain.vector_env(name, count, threads)) as environments:
-            rate = throughput(domain, environments, num_steps=num_steps)
-        memory = memory_per_environment(domain, name, count) if count > 1 and threads == 1 else None
-        sizes = {"num_envs": count, "num_threads": threads}
-        rows.append({"vector_env": name, **sizes, "memory": memory, "steps_per_second": rate})
-    return rows
-
-
 def soak(domain: BenchmarkDomain, num_envs: int, num_steps: int) -> dict[str, list[float]]:
     """Samples the memory [MiB] in the course of a long run of the suite's vectorised environments.
 
@@ -203,25 +151,15 @@ def measure_speed(domain: BenchmarkDomain, num_envs: int, rounds: int, steps: in
     }
 
 
-def numbers(text: str) -> tuple[int, ...]:
-    """Returns the positive numbers of a list such as `1,8,32`."""
-    return tuple(positive(number) for number in text.split(","))
-
-
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Returns the results of a measure: its table by name, or several."""
     domain = DOMAINS[options.domain_name]
     match options.measure:
         case "speed":
             steps = options.max_episode_steps or domain.domain.episode_steps
-            (num_envs,) = options.num_envs or (32,)
-            return measure_speed(domain, num_envs, options.rounds, steps)
-        case "scaling":
-            sizes = options.num_envs or (1, 8, 32, 128, 512)
-            return {"results": scaling(domain, sizes, options.num_steps or 10_000)}
+            return measure_speed(domain, options.num_envs, options.rounds, steps)
         case _:
-            (num_envs,) = options.num_envs or (32,)
-            return {"results": soak(domain, num_envs, options.num_steps or 1_000_000)}
+            return {"results": soak(domain, options.num_envs, options.num_steps)}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -229,21 +167,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = make_parser(__doc__)
     parser.add_argument(
         "--measure",
-        choices=("speed", "scaling", "soak"),
+        choices=("speed", "soak"),
         default="speed",
-        help="control steps per second as ratios; by number of environments and threads, with memory; memory in the "
-        "course of a long run",
+        help="control steps per second as ratios; memory in the course of a long run",
     )
     parser.add_argument("--domain_name", choices=DOMAINS, default="kitchen")
     parser.add_argument("--rounds", type=positive, default=9, help="rounds of speed that count")
     parser.add_argument("--max_episode_steps", type=positive, help="control steps of an episode of speed")
-    parser.add_argument("--num_envs", type=numbers, help="environments stepped together, such as 1,8,32")
-    parser.add_argument("--num_steps", type=positive, help="control steps of scaling and soak, over all environments")
+    parser.add_argument("--num_envs", type=positive, default=32, help="environments stepped together")
+    parser.add_argument("--num_steps", type=positive, default=1_000_000, help="control steps of soak, over all of them")
     parser.add_argument("--json", action="store_true", help="print JSON in place of tables")
     options = parser.parse_args(arguments)
-    if options.measure != "scaling" and len(options.num_envs or (32,)) != 1:
-        given = ",".join(map(str, options.num_envs))
-        parser.error(f"{options.measure} takes exactly one number of environments, got {given}")
     print_results(parser, options, options.measure, measure(options))
 
 

@@ -129,6 +129,11 @@ def positive(text: str) -> int:
     return int(text)
 
 
+def numbers(text: str) -> tuple[int, ...]:
+    """Returns the positive numbers of a list such as `1,8,32`."""
+    return tuple(positive(number) for number in text.split(","))
+
+
 def run_named(documentation: str | None, functions: Mapping[str, Callable[[], None]]) -> None:
     """Runs the function that the command line names."""
     parser = make_parser(documentation)

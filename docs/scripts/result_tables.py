@@ -13,6 +13,8 @@ from scipy import stats
 from tabulate import tabulate
 
 from kitchen_suite.entities.designs import SPLITS
+from kitchen_suite.evaluation.compare import compare
+from kitchen_suite.evaluation.comparison_tables import format_comparison
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.generated_kitchens import certificates
@@ -35,7 +37,7 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def benchmark_table(name: str) -> str:
-    """Returns the tables of a result of `benchmarks.py --json` or `rendering.py --json` in docs/experiments."""
+    """Returns the tables of a result of `benchmarks.py`, `rendering.py` or `scaling.py` in docs/experiments."""
     return benchmark_tables.markdown(read_results(name))
 
 
@@ -145,6 +147,27 @@ def training_table() -> str:
         if row["task"] != _ONE
     ]
     return markdown(("task", "seed", "control steps", "minutes", "processor minutes", "successes"), rows)
+
+
+def drawer_table() -> str:
+    """Returns the table of how long policies that open the drawer are trained, here and elsewhere."""
+    runs = [row for row in read_results("training") if row["task"] == "top_drawer"]
+    seconds = [60.0 * row["minutes"] for row in runs]
+    successes = [row["success"][0] for row in runs]
+    (episodes,) = {row["episodes"] for row in runs}
+    (processors,) = {row["processors"] for row in runs}
+    rows = [
+        (
+            f"`kitchen-train --domain_name=open_cabinet`, {len(runs)} seeds",
+            f"{processors} processors",
+            f"{min(seconds):.0f} to {max(seconds):.0f}",
+            f"{min(successes) / episodes:.0%} to {max(successes) / episodes:.0%}",
+        )
+    ]
+    for row in read_results("drawer_elsewhere"):
+        where = f"a GPU, {row['environments']} environments"
+        rows.append((f"[{row['training']}]({row['source']})", where, f"{row['seconds']:.0f}", f"{row['success']:.0%}"))
+    return markdown(("training", "on", "seconds", "success"), rows)
 
 
 def network_table() -> str:
@@ -855,6 +878,39 @@ def _memory(process: Iterable[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
         yield str(parts[0]["process"]), f"{steps:,}", f"{seconds / 3600:.2f}", f"{greatest:.0f}"
 
 
+def comparison_example() -> str:
+    """Returns the output of kitchen-compare for the evaluations of `docs/experiments/comparison.py`."""
+    comparison = compare(*(RESULTS / "comparison" / f"{policy}.json" for policy in ("expert", "trained")))
+    return f"```\n{format_comparison(comparison)}\n```\n"
+
+
+def comparison_constructions() -> str:
+    """Returns the table of policies whose truth is known, from the result of `docs/experiments/comparison.py`."""
+    rows = [
+        (
+            row["construction"],
+            *(f"{100 * row[f'{name}_width']:.1f} %" for name in ("paired", "unpaired")),
+            f"{100 * row['paired_coverage']:.1f} %",
+            *(row[f"{name}_episodes"] for name in ("paired", "unpaired")),
+        )
+        for row in read_results("comparison")
+        if "paired_coverage" in row
+    ]
+    widths = ("width, paired", "width, unpaired")
+    episodes = ("episodes for 80 %, paired", "episodes for 80 %, unpaired")
+    return markdown(("failures", *widths, "paired intervals that contain the truth", *episodes), rows)
+
+
+def comparison_shipped() -> str:
+    """Returns the table of the shipped policies, from the result of `docs/experiments/comparison.py`."""
+    (row,) = (row for row in read_results("comparison") if "correlation" in row)
+    widths = (f"{100 * row[f'{name}_width']:.1f} %" for name in ("paired", "unpaired"))
+    header = ("policies", "width, paired", "width, unpaired", "correlation of successes", "fraction of the episodes")
+    return markdown(
+        header, [(row["construction"], *widths, f"{row['correlation']:.2f}", f"{row['episodes_ratio']:.2f}")]
+    )
+
+
 RESULT_TABLES: dict[str, Callable[[], str]] = {
     "control_modes_tracking": tracking_table,
     "control_modes_speed": control_speed_table,
@@ -864,6 +920,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "training_network": network_table,
     "training_sequences": sequence_table,
     "training_speed": training_speed_table,
+    "training_drawer": drawer_table,
     "variations_experts": varied_expert_table,
     "variations_layouts": layout_table,
     "variations_speed": variation_speed_table,
@@ -875,6 +932,9 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "evaluation_tasks": task_rate_table,
     "imitation_results": imitation_table,
     "kitchen_policy": kitchen_policy_table,
+    "comparison_example": comparison_example,
+    "comparison_constructions": comparison_constructions,
+    "comparison_shipped": comparison_shipped,
     "digests": digest_table,
     "offline_sets": offline_set_table,
     "offline_digests": offline_digest_table,
@@ -901,8 +961,11 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "fast_random": fast_random_table,
     "kitchen_rendering_card": functools.partial(benchmark_table, "kitchen_rendering_card"),
     **{
-        f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")
-        for domain in ("kitchen", "open_cabinet")
-        for measure in benchmark_tables.TABLES
+        name: functools.partial(benchmark_table, name)
+        for name in (
+            *(f"{domain}_{each}" for domain in ("kitchen", "open_cabinet") for each in ("speed", "soak", "rendering")),
+            "scaling",
+            "warp",
+        )
     },
 }

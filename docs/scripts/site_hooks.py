@@ -31,7 +31,11 @@ sys.path[:0] = [str(ROOT), str(SCRIPTS)]  # Documents the checkout, also where a
 import reference_pages  # noqa: E402
 
 # Pages at the top of the repository that the site has as well.
-_TOP_PAGES = {"CHANGELOG.md": "development/changelog.md", "CONTRIBUTING.md": "development/contributing.md"}
+_TOP_PAGES = {
+    ".github/SECURITY.md": "development/security.md",
+    "CHANGELOG.md": "development/changelog.md",
+    "CONTRIBUTING.md": "development/contributing.md",
+}
 # The place in the start page where the site has the text of README.md.
 _README = "<!-- README.md -->\n"
 # Pages of images, which have the whole width.

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from kitchen_suite import checks
+from kitchen_suite import checks, imports
 from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA
 from kitchen_suite.entities.arms.panda_2f85 import PANDA_2F85
 from kitchen_suite.entities.arms.ur5e import UR5E
@@ -24,7 +24,7 @@ def robot_spec(robot: str | RobotSpec) -> RobotSpec:
         return robot
     if not (isinstance(robot, str) and ":" in robot):
         return ROBOTS[checks.choice(robot, ROBOTS, "robot")]
-    specification = checks.imported(robot, "robot")
+    specification = imports.named(robot, "robot")
     if not isinstance(specification, RobotSpec):
         raise ValueError(f"robot {checks.shown(robot)} must be a RobotSpec, got {checks.shown(specification)}")
     return specification

@@ -1,7 +1,9 @@
-"""The vectorised environments as a Stable-Baselines3 `VecEnv`; needs stable-baselines3."""
+"""For Stable-Baselines3, which it needs: the vectorised environments as a `VecEnv`, and evaluations during training."""
 
+import contextlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, cast
 
 import gymnasium
@@ -10,9 +12,13 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from kitchen_suite import checks, signatures
+from kitchen_suite.evaluation.evaluate import Evaluation, evaluate
+from kitchen_suite.evaluation.plan import Replaced, make_plan
+from kitchen_suite.policies import BATCH, PolicyRef
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.base import SHARED_ATTRIBUTES, SHARED_METHODS, SuiteVectorEnv
 
@@ -191,6 +197,112 @@ def make_vec_env(
         monitored.seed(seed)
         monitored.action_space.seed(seed)
     return monitored
+
+
+# Arguments of `evaluate` that the callback sets itself, or that make no sense while a model is trained.
+_OWN_ARGUMENTS = ("policy", "takes", "cluster", "output", "resume", "receipt", "verbose", "table_format")
+
+# First seed of the evaluations: none of a protocol, whose seeds are for the final score.
+_SEED = 300_000_000
+
+
+class EvaluationCallback(BaseCallback):
+    """Evaluates the model under a protocol while it is trained, in the suite's vectorised environments.
+
+    Each evaluation plays the same episodes, so that any two can be compared in pairs: `kitchen_suite.compare` takes two
+    of `evaluations`. The logger has `eval/success_rate`, `eval/mean_tasks` or `eval/mean_progress`, and
+    `eval/mean_ep_length`. Where the training environment is a `VecNormalize`, it normalises observations here as well.
+
+    Attributes:
+      evaluations: the evaluations, by the number of timesteps after which they were made.
+      best_success: the greatest success rate; -1 before the first evaluation.
+    """
+
+    def __init__(
+        self,
+        eval_freq: int,
+        *,
+        best_model_save_path: str | os.PathLike[str] | None = None,
+        deterministic: bool = True,
+        verbose: int = 0,
+        **evaluate_kwargs: Any,
+    ) -> None:
+        """Prepares the evaluations.
+
+        Args:
+          eval_freq: number of steps of the training environment, all environments together, between evaluations.
+          best_model_save_path: folder in which the model with the greatest success rate is kept, as `best_model.zip`.
+          deterministic: whether the model takes its likeliest action.
+          verbose: 1 to print a line for each evaluation.
+          **evaluate_kwargs: arguments of `kitchen_suite.evaluate`, such as `protocol`, `task_name` and `num_episodes`;
+            `task_kwargs` need those of training on which observations and actions depend, such as
+            `{"obs_type": "state"}`. `seed` is 300,000,000 by default: seeds of a protocol are for the final score.
+
+        Raises:
+          TypeError: an unknown argument.
+          ValueError: a value that is refused.
+        """
+        super().__init__(verbose)
+        self._eval_freq = checks.integer(eval_freq, "eval_freq", minimum=1)
+        offered = {*signatures.names(evaluate)} - {*_OWN_ARGUMENTS}
+        checks.keywords(evaluate_kwargs, offered, what="argument of an evaluation")
+        self._arguments: dict[str, Any] = {"seed": _SEED, **evaluate_kwargs}
+        self._best_model = None if best_model_save_path is None else Path(best_model_save_path) / "best_model"
+        self._deterministic = deterministic
+        self.evaluations: dict[int, Evaluation] = {}
+        self.best_success = -1.0
+
+    def _init_callback(self) -> None:
+        """Raises a ValueError if the model does not take the observations of the evaluation, or has other actions."""
+        of_plan = {*signatures.names(Replaced)} & self._arguments.keys()
+        replaced = Replaced(**{name: self._arguments[name] for name in of_plan})
+        given = self._arguments.get("dataset")
+        dataset = None if given is None else Path(given)
+        plan = make_plan(PolicyRef.parse("zero"), self._arguments.get("protocol", "default"), replaced, dataset)
+        with contextlib.closing(plan.first.make_environment()) as environment:
+            observation, _ = environment.reset(seed=0)
+            advice = "pass the arguments of the training environment as task_kwargs"
+            try:
+                action = self._predict(observation)
+            except (AssertionError, IndexError, KeyError, TypeError, ValueError) as error:
+                raise ValueError(
+                    f"the model does not take observations of the evaluation, {advice}: {error}"
+                ) from error
+            if action.shape != environment.action_space.shape:
+                found = f"{action.shape}, not {environment.action_space.shape}"
+                raise ValueError(f"the model has other actions than the evaluation, {advice}: shape {found}")
+
+    def _predict(self, observations: Any) -> NDArray:
+        normalize = self.model.get_vec_normalize_env()
+        seen = observations if normalize is None else normalize.normalize_obs(observations)
+        actions, _ = self.model.predict(seen, deterministic=self._deterministic)
+        return actions
+
+    def _on_step(self) -> bool:
+        if self.n_calls % self._eval_freq == 0:
+            self._evaluate()
+        return True
+
+    def _evaluate(self) -> None:
+        evaluation = evaluate(self._predict, takes=BATCH, **self._arguments)
+        self.evaluations[self.num_timesteps] = evaluation
+        scores = evaluation.scores
+        logged = {"success_rate": scores["success"], "mean_ep_length": scores["control_steps"]}
+        logged |= {name: scores[name] for name in ("mean_tasks", "mean_progress") if name in scores}
+        for name, value in logged.items():
+            self.logger.record(f"eval/{name}", value)
+        self.logger.record("time/total_timesteps", self.num_timesteps, exclude="tensorboard")
+        self.logger.dump(self.num_timesteps)
+        if self.verbose:
+            low, high = scores["intervals"]["success"]
+            print(
+                f"{self.num_timesteps} timesteps: success {scores['success']:.1%} ({low:.1%} to {high:.1%})", flush=True
+            )
+        if scores["success"] > self.best_success:
+            self.best_success = scores["success"]
+            if self._best_model is not None:
+                self._best_model.parent.mkdir(parents=True, exist_ok=True)
+                self.model.save(self._best_model)
 
 
 def _row(infos: Mapping[str, Any], i: int) -> dict[str, Any]:

@@ -19,6 +19,7 @@ NAMES = (
     "play",
     "train",
     "evaluate",
+    "compare",
     "convert",
     "view",
     "export",

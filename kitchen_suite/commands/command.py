@@ -45,9 +45,10 @@ class Command:
       name: of the script.
       description: text above the flags in `--help`; its first sentence is the command's in the list of all.
       define: defines the command's flags.
-      run: does the work with the values of the flags, and with the argument without a flag where there is one; returns
-        an exit status, None for success.
-      positional: name of the one argument without a flag, which is required; None for a command without.
+      run: does the work with the values of the flags, and with the arguments without a flag where there are any;
+        returns an exit status, None for success.
+      positional: name of the arguments without a flag, which are required; None for a command without.
+      positional_counts: how many of them there may be.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Command:
     define: Callable[[flags.FlagValues], None]
     run: Callable[..., int | None]
     positional: str | None = None
+    positional_counts: range = range(1, 2)
 
     def __call__(self) -> int:
         return run_process(self.name, self.main)
@@ -100,7 +102,7 @@ class Command:
         return values
 
     def parse(self, arguments: Sequence[str]) -> list[Any]:
-        """Returns the flags with the values of arguments, and the argument without a flag where there is one.
+        """Returns the flags with the values of arguments, and the arguments without a flag where there are any.
 
         Raises an `absl.flags.Error` for bad arguments.
         """
@@ -111,9 +113,12 @@ class Command:
             near = checks.nearest(error.flagname, [*values])
             hint = f" (did you mean --{near}?)" if near else ""
             raise flags.Error(f"there is no flag --{error.flagname}{hint}; --help lists all") from error
-        if self.positional is not None and not others:
+        counts = range(1) if self.positional is None else self.positional_counts
+        if not others and 0 not in counts:
             raise flags.Error(f"{self.positional} is missing, the argument without a flag: see --help")
-        if unexpected := others[0 if self.positional is None else 1 :]:
+        if len(others) < counts[0]:
+            raise flags.Error(f"{self.positional}: at least {counts[0]} are needed, got {checks.shown(others)}")
+        if unexpected := others[counts[-1] :]:
             raise flags.Error(f"unexpected argument {checks.shown(unexpected[0])}: all others are flags, see --help")
         return [values, *others]
 

@@ -32,6 +32,7 @@ def define(values: FlagValues) -> None:
     DEFINE_string("dataset", None, name, values)
     flags.folder(values, "output", "Folder of the recording to make of demonstrations of people.")
     flags.path(values, "data_path", "Folder of the datasets; else Minari's or LeRobot's own.")
+    flags.custom(values)
 
 
 def run(given: FlagValues, source: str) -> None:
@@ -41,6 +42,7 @@ def run(given: FlagValues, source: str) -> None:
             "name either a dataset, OWNER/NAME, to make of a recording, or an output, the folder of a recording of "
             "demonstrations of people"
         )
+    flags.import_custom(given)
     if given.dataset is not None:
         from kitchen_suite.datasets.convert import convert
 

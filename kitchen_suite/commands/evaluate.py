@@ -20,7 +20,11 @@ _DESCRIPTION = """Evaluates a policy under a published protocol, with confidence
   kitchen-evaluate --policy=policy.npz --task_name=all --output=evaluation
   kitchen-evaluate --policy=expert --output=evaluation --resume    continues an evaluation that was interrupted
   kitchen-evaluate --policy=expert --receipt=expert.npz            also writes what kitchen-replay checks
+  kitchen-evaluate --policy=expert --episodes --json=expert.json   also prints and writes a row for each episode
+  kitchen-evaluate --policy=expert --format=latex                  prints LaTeX tables
   kitchen-evaluate --policy=expert --workers=4                     plays on Ray, in four processes
+
+kitchen-compare pairs the episodes of two receipts, or of two JSON files with --episodes.
 
 Flags that are given replace the protocol's values, and the JSON has the final ones. The same evaluation has the same
 JSON, to the byte, whatever --num_envs, --num_threads and --workers. A policy module:callable must be stateless, or be
@@ -54,6 +58,9 @@ def define(values: FlagValues) -> None:
     flags.output(values)
     DEFINE_boolean("resume", False, "Continue the evaluation in the folder.", values)
     flags.file(values, "json", "File to write the results to as JSON; it may be replaced.")
+    rows = "Also print a row for each episode, and write it to the JSON, which kitchen-compare can then pair."
+    DEFINE_boolean("episodes", False, rows, values)
+    flags.table_format(values)
     receipt = "File to write a receipt to, with which kitchen-replay checks the scores without the policy."
     flags.file(values, "receipt", receipt, suffix=".npz")
     flags.task(values, unset=unset, task_unset=unset)
@@ -63,7 +70,9 @@ def define(values: FlagValues) -> None:
 def run(given: FlagValues) -> None:
     """Evaluates the policy; prints the scores, and writes the files that are wanted."""
     from kitchen_suite import files
+    from kitchen_suite.episodes.report import print_line
     from kitchen_suite.episodes.spec import EnvironmentSpec
+    from kitchen_suite.evaluation import tables
     from kitchen_suite.evaluation.evaluate import evaluate, play_again
     from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE
     from kitchen_suite.policies import PolicyRef
@@ -94,10 +103,14 @@ def run(given: FlagValues) -> None:
         resume=given.resume,
         receipt=given.receipt,
         verbose=True,
+        table_format=given.format,
     )
+    if given.episodes:
+        print_line(f"\n{tables.format_episodes(evaluation.results, given.format)}")
     if given.json:
+        rows = {"episodes": evaluation.episode_rows} if given.episodes else {}
         with files.atomic_write(given.json) as partial:
-            files.write_json(partial, evaluation.as_json(), indent=1)
+            files.write_json(partial, {**evaluation.as_json(), **rows}, indent=1)
     if given.web:
         count = min(given.web_episodes, evaluation.plan.num_episodes)
         with watching.page(given, None) as watch:

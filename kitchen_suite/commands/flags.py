@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from absl import flags
 
-from kitchen_suite import checks, files
+from kitchen_suite import checks, files, imports
 from kitchen_suite.names import PHYSICS
 from kitchen_suite.rendering import gl
 
@@ -165,6 +165,19 @@ def environment_kwargs(given: flags.FlagValues) -> dict[str, Any]:
     return merged_kwargs(given.task_kwargs, {name: given[name].value for name in _ENVIRONMENT_FLAGS})
 
 
+def custom(values: flags.FlagValues) -> None:
+    """Defines the code of a user's own that files may name."""
+    text = "Domains and robots of your own, as module:NAME and separated by commas, that the files may name."
+    flags.DEFINE_list("custom", [], text, values)
+
+
+def import_custom(given: flags.FlagValues, *others: object) -> None:
+    """Imports what `custom` names, and those of some `others` that are `module:NAME`, so that files may name it."""
+    for name in (*given.custom, *others):
+        if isinstance(name, str) and ":" in name:
+            imports.named(name, "custom")
+
+
 def policy(values: flags.FlagValues, *, default: str | None = "random") -> None:
     """Defines the policy that acts."""
     forms = (
@@ -222,17 +235,25 @@ def page(values: flags.FlagValues) -> None:
     flags.DEFINE_string("camera", "overview", "Camera of the video and the page, by name or number.", values)
 
 
-def video(values: flags.FlagValues, *, fps: float = 25.0, unset: str = "none") -> None:
+def table_format(values: flags.FlagValues) -> None:
+    """Defines the format of the tables that are printed."""
+    text = "Format of the printed tables: text, markdown, or latex, which needs the package booktabs."
+    flags.DEFINE_enum("format", "text", ("text", "markdown", "latex"), text, values)
+
+
+def video(
+    values: flags.FlagValues, *, fps: float = 25.0, unset: str = "none", width: int = 640, num_episodes: int = 1
+) -> None:
     """Defines the video of the episodes."""
     text = f"Video to write, an .mp4 in an existing folder, which may be replaced; else {unset}."
     file(values, "video", text, suffix=".mp4")
     number(values, "video_fps", fps, "Maximum number of frames per second of the video.", minimum=0.1, maximum=10_000)
-    for name, default, most in (("width", 640, _MAX_WIDTH), ("height", 480, _MAX_HEIGHT)):
+    for name, default, most in (("width", width, _MAX_WIDTH), ("height", 480, _MAX_HEIGHT)):
         size = f"{name.capitalize()} of the video [pixels], even."
         flags.DEFINE_integer(name, default, size, 2, most, flag_values=values)
         flags.register_validator(name, lambda pixels: pixels % 2 == 0, f"{name} must be even", values)
     count = "Number of episodes in the video, the first ones."
-    flags.DEFINE_integer("video_episodes", 1, count, 1, checks.MAX_COUNT, flag_values=values)
+    flags.DEFINE_integer("video_episodes", num_episodes, count, 1, checks.MAX_COUNT, flag_values=values)
     render_quality(values)
 
 

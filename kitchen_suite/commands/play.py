@@ -33,6 +33,7 @@ def define(values: FlagValues) -> None:
     DEFINE_boolean("list", False, "List the trained policies that come with the package, and exit.", values)
     DEFINE_string("shipped", None, "Name of a trained policy that comes with the package.", values)
     flags.path(values, "policy_file", "File of a trained policy, written by kitchen-train.")
+    flags.custom(values)
     flags.num_episodes(values, 10)
     flags.seed(values)
     flags.max_episode_steps(values)
@@ -43,6 +44,7 @@ def define(values: FlagValues) -> None:
 
 def run(given: FlagValues) -> None:
     """Plays and films the policy."""
+    from kitchen_suite import suite
     from kitchen_suite.episodes.report import print_line
     from kitchen_suite.episodes.spec import EnvironmentSpec
     from kitchen_suite.policies import PolicyRef, load_policy
@@ -55,6 +57,7 @@ def run(given: FlagValues) -> None:
         raise ValueError("shipped and policy_file both name a policy: give one of them")
     if given.video and given.novideo:
         raise ValueError("video and novideo contradict each other: give one of them")
+    flags.import_custom(given)
     reason = ""
     if not (given.video or given.novideo or given.web):
         reason = _reason_against_video()
@@ -62,6 +65,7 @@ def run(given: FlagValues) -> None:
     file = given.policy_file or shipped_as(given.shipped or _DEFAULT_POLICY)
     trained_for = load_policy(file).metadata
     task = (trained_for["domain_name"], trained_for["task_name"], trained_for["task_kwargs"])
+    suite.check_named(trained_for["domain_name"], trained_for["task_kwargs"])
     policy = PolicyRef.parse(f"trained(file={str(file)!r})")
     spec = EnvironmentSpec.make(*task, given.max_episode_steps)
     play_and_print(given, spec.episodes(policy, seed=given.seed, seeding="dm_control").with_observables(policy), policy)

@@ -21,6 +21,10 @@ DESCRIPTION = """Plays recorded actions again, and checks that all numbers and s
   kitchen-replay runs --episodes=0,5,7-9 --video=a.mp4    also films them
   kitchen-replay runs --web=runs.html                     also writes a page that shows them in 3-D
   kitchen-replay expert.npz                               a receipt of kitchen-evaluate, without its policy
+  kitchen-replay expert.npz --published=expert.json       also compares its result with a published one
+
+The first line on a receipt says what is confirmed: the protocol, each value that replaces the protocol's, beside that
+one, and what cannot be checked. Versions, and the scores with their intervals, follow.
 
 The actions are those of the recording or the receipt; seeds and settings make everything else anew. Exit status: 0 if
 all numbers are equal to the bit; 3 if all scores are, but not all digits; 1 if scores differ, if the file was altered
@@ -48,6 +52,9 @@ def define(values: FlagValues) -> None:
     DEFINE_string("episodes", None, which, values)
     count = "Number of episodes, spread evenly over the recording, where episodes are not given."
     DEFINE_integer("num_episodes", 10, count, 1, checks.MAX_COUNT, flag_values=values)
+    flags.path(values, "published", "Result of kitchen-evaluate, its JSON, which has to be that of the receipt.")
+    flags.path(values, "dataset", "Folder of the recording from which the goals of a receipt were taken.")
+    flags.custom(values)
     flags.num_envs(values)
     flags.video(values)
     flags.page(values)
@@ -57,6 +64,7 @@ def run(given: FlagValues, source: str) -> int:
     """Replays a recording or a receipt, and prints what was found."""
     from kitchen_suite.episodes.recording import SPEC_FILE
 
+    flags.import_custom(given)
     path = Path(source)
     if not path.exists():
         raise FileNotFoundError(f"there is no recording or receipt {source!r}")
@@ -70,7 +78,14 @@ def _verify(given: FlagValues, path: Path) -> "Verdict":
 
     if given.episodes or given.video or given.web:
         raise ValueError("a receipt has no observations: episodes, video and web are for recordings")
-    return verify(path, num_envs=given.num_envs, num_threads=given.num_threads, verbose=True)
+    return verify(
+        path,
+        published=given.published,
+        dataset=given.dataset,
+        num_envs=given.num_envs,
+        num_threads=given.num_threads,
+        verbose=True,
+    )
 
 
 def _replay(given: FlagValues, path: Path) -> "Verdict":
@@ -79,6 +94,8 @@ def _replay(given: FlagValues, path: Path) -> "Verdict":
     from kitchen_suite.episodes.report import print_line
     from kitchen_suite.gymnasium_env.base import suite_env
 
+    if given.published or given.dataset:
+        raise ValueError("published and dataset are compared with a receipt, not with a recording")
     if not (path / SPEC_FILE).is_file():
         raise ValueError(f"{path} holds no recording, which has a file {SPEC_FILE}")
     recording = Recording.open(path)

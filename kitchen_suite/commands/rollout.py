@@ -139,10 +139,11 @@ def _print(spec: "EpisodeSpec", episodes: "Iterable[Episode]", count: int, recor
 
     report = Report(last_seed=spec.seed + count - 1)
     try:
-        for episode in episodes:
-            if recording:
-                recording.append(episode)
-            print_line(report.add(episode.summary, episode.index))
+        with recording.withdrawn_without_episodes() if recording else contextlib.nullcontext():
+            for episode in episodes:
+                if recording:
+                    recording.append(episode)
+                print_line(report.add(episode.summary, episode.index))
     finally:
         if report.count:
             print_line(f"\n{report.summary()}")

@@ -13,15 +13,16 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """Shows episodes live in a browser on this machine. Needs no display, and no GL library.
 
-  kitchen-view                                             the kitchen with random actions, at http://127.0.0.1:8080
+  kitchen-view                                             the kitchen with random actions, at port 8080
   kitchen-view --policy=expert --task_name=kettle          the scripted expert moves the kettle
   kitchen-view --domain_name=open_cabinet --policy=trained
   kitchen-view --variations=layout,appearance --port=9000  every episode in another kitchen, at another port
   kitchen-view --teleop --task_name=kettle --output=mine   you move the hand, and save episodes as kitchen-record does
 
-In the page, choose domain, task, policy, variations and seed; reset, pause, step and set the speed. Other machines are
-refused; from one, use ssh -L 8080:localhost:8080 HOST. Exit status: 1 if the port is in use; 2 for a bad argument, with
-one line on stderr; 130 after Ctrl-C, which ends the viewer.
+Open the address that is printed: it has a token, without which other users of this machine are refused (--no_token
+lets them in). In the page, choose domain, task, policy, variations and seed; reset, pause, step and set the speed.
+Other machines are refused; from one, use ssh -L 8080:localhost:8080 HOST. Exit status: 1 if the port is in use; 2 for a
+bad argument, with one line on stderr; 130 after Ctrl-C, which ends the viewer.
 """
 
 
@@ -31,6 +32,8 @@ def define(values: FlagValues) -> None:
     flags.render_quality(values)
     port = "Port of the page, on this machine alone."
     DEFINE_integer("port", 8080, port, 1024, 65535, flag_values=values)
+    no_token = "Let every user of this machine see and use the page, at an address without a token."
+    DEFINE_boolean("no_token", False, no_token, values)
     teleop = "Move the hand in the page; with a policy, after this policy until it is handed back."
     DEFINE_boolean("teleop", False, teleop, values)
     flags.output(values)
@@ -38,6 +41,7 @@ def define(values: FlagValues) -> None:
     DEFINE_integer("start_episode", 0, "Number of that episode.", 0, checks.MAX_COUNT, flag_values=values)
     step = "Control step to go on from; else the last one."
     DEFINE_integer("start_step", None, step, 0, checks.MAX_EPISODE_STEPS, flag_values=values)
+    flags.custom(values)
     flags.policy(values, default=None)
     flags.seed(values)
     flags.max_episode_steps(values)
@@ -63,6 +67,7 @@ def _choice(given: FlagValues) -> "Choice":
     from kitchen_suite.viewer.live_episode import Choice
 
     kwargs = flags.environment_kwargs(given)
+    flags.import_custom(given, given.domain_name, kwargs.get("robot"))
     return Choice(
         domain_name=given.domain_name,
         task_name=given.task_name or suite.default_task(given.domain_name),
@@ -77,17 +82,20 @@ def _choice(given: FlagValues) -> "Choice":
 def _show(given: FlagValues, choice: "Choice") -> None:
     from kitchen_suite.rendering.cameras import find_camera
     from kitchen_suite.viewer.live_episode import started_episode
+    from kitchen_suite.viewer.servers import new_token
     from kitchen_suite.viewer.viewer import show
 
     episode = started_episode(choice, given.seed, render_quality=given.render_quality)
     flags.prepare_images(episode.spec)
     find_camera(episode.physics, given.camera)
-    show(episode, choice, camera=given.camera, render_quality=given.render_quality, port=given.port)
+    token = "" if given.no_token else new_token()
+    show(episode, choice, camera=given.camera, render_quality=given.render_quality, port=given.port, token=token)
 
 
 def _teleoperate(given: FlagValues, choice: "Choice") -> None:
     from kitchen_suite.episodes.recording import Recording
     from kitchen_suite.rendering.cameras import find_camera
+    from kitchen_suite.viewer.servers import new_token
     from kitchen_suite.viewer.teleoperation import Collection, persons_episode
     from kitchen_suite.viewer.viewer import teleoperate
 
@@ -109,6 +117,7 @@ def _teleoperate(given: FlagValues, choice: "Choice") -> None:
         camera=given.camera,
         render_quality=given.render_quality,
         port=given.port,
+        token="" if given.no_token else new_token(),
     )
 
 

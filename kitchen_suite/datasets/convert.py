@@ -1,5 +1,6 @@
 """Converts recordings to datasets of other programs."""
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -43,7 +44,9 @@ def convert(
             raise FileExistsError(f"{path} exists already, and is never replaced: name another dataset")
         path.parent.mkdir(parents=True, exist_ok=True)
         files.remove_stale_partials(path.parent)
-        chosen.write(path, source.spec, map(source.load, source.indices))
+        with contextlib.closing(source.spec.make_environment()) as environment:
+            episodes = (source.load_fitting(index, environment) for index in source.indices)
+            chosen.write(path, source.spec, episodes)
     return path
 
 

@@ -1,8 +1,14 @@
-"""HDF5 files whose arrays grow episode by episode. Needs the extra `record`."""
+"""HDF5 files: the only module that opens them. Needs the extra `record`.
+
+A file of HDF5 can have its arrays in other files, in links, in itself, and compressed by libraries that are loaded from
+a folder of the machine; what is read here has none of these. Sizes are checked before contents.
+"""
 
 import contextlib
 import importlib
-from collections.abc import Iterator, Mapping
+import math
+import os
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +18,14 @@ from kitchen_suite import checks, files
 
 _CHUNK_ROWS, _CHUNK_BYTES = 1024, 2**18  # Most rows, and about the most bytes, of a chunk.
 
+# Numbers of the filters that come with HDF5 and h5py: deflate, shuffle, Fletcher's checksum, nbit, scale-offset, LZF.
+_FILTERS = (1, 2, 3, 5, 6, 32000)
+
+_MAX_DEPTH = 16  # Groups in each other.
+_MAX_ITEMS = 10_000  # Of an episode.
+
+_NUMBER_BYTES = 8  # Of a number, once it is read as float64.
+
 
 @contextlib.contextmanager
 def new_file(path: Path) -> Iterator[Any]:
@@ -20,8 +34,7 @@ def new_file(path: Path) -> Iterator[Any]:
     Raises an ImportError without h5py, and a FileExistsError if there is something at `path`.
     """
     checks.installed(["h5py"], "a dataset in HDF5", "record")
-    h5py = importlib.import_module("h5py")
-    with files.atomic_create(path) as partial, h5py.File(partial, "w") as file:
+    with files.atomic_create(path) as partial, library().File(partial, "w") as file:
         yield file
 
 
@@ -36,3 +49,100 @@ def append(file: Any, arrays: Mapping[str, NDArray]) -> None:
         dataset = file[name]
         dataset.resize(len(dataset) + len(rows), axis=0)
         dataset[len(dataset) - len(rows) :] = rows
+
+
+def compress(path: Path, axes: int) -> None:
+    """Compresses the arrays of more than some axes in a file, row by row and without loss; readers need not know.
+
+    The file is one that this program has written.
+    """
+    compressed = path.with_suffix(".compressed")
+    with library().File(path, "r") as source, library().File(compressed, "w") as target:
+
+        def copy(name: str, item: Any) -> None:
+            if isinstance(item, library().Group):
+                made = target.create_group(name)
+            elif item.ndim <= axes:
+                source.copy(item, target, name)
+                return
+            else:
+                options = {"chunks": (1, *item.shape[1:]), "compression": "gzip", "shuffle": True}
+                made = target.create_dataset(name, data=item[()], maxshape=item.maxshape, **options)
+            made.attrs.update(item.attrs)
+
+        source.visititems(copy)
+        target.attrs.update(source.attrs)
+    os.replace(compressed, path)
+
+
+def read_arrays(path: Path, names: Collection[str]) -> dict[str, NDArray]:
+    """Returns the arrays of numbers of some names at the top of a file, those that it has.
+
+    Raises an ImportError without h5py, and an OSError if the file cannot be read, or they are anything else.
+    """
+    checks.installed(["h5py"], "a file of D4RL", "record")
+    with files.reading(path, "HDF5"), library().File(path, "r") as file:
+        found = {name: _checked(file, name) for name in names if file.id.links.exists(name.encode())}
+        # Those of a null dataspace have nothing.
+        found = {name: item for name, item in found.items() if getattr(item, "shape", ()) is not None}
+        if other := [name for name, item in found.items() if not isinstance(item, library().Dataset)]:
+            raise ValueError(f"{other[0]} is not an array")
+        _check_size(found.values())
+        return {name: item[()] for name, item in found.items()}
+
+
+def check_group(path: Path, name: str) -> None:
+    """Raises an OSError unless a file has a group of arrays, at its top, that another program can read safely."""
+    with files.reading(path, "HDF5"), library().File(path, "r") as file:
+        datasets: list[Any] = []
+        _collect(file, name, datasets, set(), _MAX_DEPTH)
+        _check_size(datasets)
+
+
+def library() -> Any:
+    """Returns h5py; raises an ImportError without it."""
+    return importlib.import_module("h5py")
+
+
+def _collect(group: Any, name: str, datasets: list[Any], visited: set[int], depth: int) -> None:
+    """Adds the checked datasets of an item of a group to a list."""
+    item = _checked(group, name)
+    address = library().h5o.get_info(item.id).addr
+    if address in visited or len(visited) >= _MAX_ITEMS or depth == 0:
+        raise ValueError(f"{name} is in itself, too deep, or in several places")
+    visited.add(address)
+    if isinstance(item, library().Dataset):
+        datasets.append(item)
+        return
+    for each in item:
+        _collect(item, each, datasets, visited, depth - 1)
+
+
+def _checked(group: Any, name: str) -> Any:
+    """Returns an item of a group; raises a ValueError for a link, and for an array that is not in the file."""
+    h5py = library()
+    # Not `name in group`, which follows links.
+    if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
+        raise ValueError(f"{name} is a link to another place")
+    item = group[name]
+    if isinstance(item, h5py.Group):
+        return item
+    if not isinstance(item, h5py.Dataset):
+        raise ValueError(f"{name} is no array")
+    if item.shape is None:
+        return item
+    if item.is_virtual or item.external:
+        raise ValueError(f"{name} has its contents elsewhere")
+    created = item.id.get_create_plist()
+    filters = [created.get_filter(number)[0] for number in range(created.get_nfilters())]
+    if unknown := [number for number in filters if number not in _FILTERS]:
+        raise ValueError(f"{name} is compressed by filters {unknown}, which are not read")
+    if item.dtype.kind not in "biufS" or item.dtype.hasobject:
+        raise ValueError(f"{name} holds {item.dtype}, not numbers")
+    return item
+
+
+def _check_size(datasets: Collection[Any]) -> None:
+    """Raises an OSError if datasets have more numbers together than can be read."""
+    sizes = (math.prod(item.shape or ()) * max(item.dtype.itemsize, _NUMBER_BYTES) for item in datasets)
+    files.check_size(sum(sizes), files.MAX_ARRAY_BYTES)

@@ -8,7 +8,6 @@ their noise: the control mode `joint_velocity`.
 import collections
 import contextlib
 import dataclasses
-import importlib
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -18,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite import checks, files
-from kitchen_suite.datasets import minari
+from kitchen_suite import files
+from kitchen_suite.datasets import hdf5, minari
 from kitchen_suite.datasets.d4rl import POSITIONS
 from kitchen_suite.entities import Scene
-from kitchen_suite.episodes.episode import Episode, EpisodeBuffer, Step, flatten
+from kitchen_suite.episodes.episode import MAX_VALUE, Episode, EpisodeBuffer, Step, flatten
 from kitchen_suite.episodes.recording import SPEC_FILE, Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
@@ -35,6 +34,8 @@ from kitchen_suite.tasks.records import Metrics
 from kitchen_suite.versions import installed_versions
 
 ACTION_SIZE = 9  # Numbers of an action of the kitchen.
+
+_D4RL_ARRAYS = ("observations", "actions", "terminals", "timeouts")  # Those that are read of a file of D4RL.
 
 _ORIGINAL_ID = "FrankaKitchen-v1"  # Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
 
@@ -68,7 +69,8 @@ class D4RLData:
     has_velocities = False
 
     def __init__(self, path: Path, scene: Scene) -> None:
-        self._scene, arrays = scene, _read_hdf5(path)
+        self._scene = scene
+        arrays = hdf5.read_arrays(path, _D4RL_ARRAYS)
         self.contents = {"sha256": files.file_digest(path)}
         for name in ("observations", "actions", "terminals"):
             if name not in arrays:
@@ -156,22 +158,13 @@ def open_data(name: str, data_path: Path | None, scene: Scene) -> D4RLData | Min
     raise FileNotFoundError(f"{problem}; `minari download` gets datasets of Minari, whose names end in -v0")
 
 
-def _read_hdf5(path: Path) -> dict[str, NDArray]:
-    checks.installed(["h5py"], "a file of D4RL", "record")
-    h5py = importlib.import_module("h5py")
-    with files.reading(path, "HDF5"), h5py.File(path, "r") as file:
-        datasets = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset)}
-        # Those of a null dataspace have no shape.
-        found = {name: item for name, item in datasets.items() if item.shape is not None and item.dtype.kind in "biuf"}
-        files.check_size(sum(item.nbytes for item in found.values()), files.MAX_ARRAY_BYTES)
-        return {name: item[()] for name, item in found.items()}
-
-
 def _check_shape(array: NDArray, shape: tuple[int, ...], what: str, meaning: str) -> None:
     if array.shape != shape:
         raise ValueError(f"{what} have shape {array.shape}, not {shape}: {meaning}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{what} are not all finite")
+    if array.dtype.kind not in "biuf" or not np.isfinite(array).all():
+        raise ValueError(f"{what} are not all finite numbers")
+    if (greatest := np.abs(array, dtype=np.float64).max(initial=0.0)) > MAX_VALUE:
+        raise ValueError(f"{what} reach {greatest:.3g}, more than {MAX_VALUE:g}, MuJoCo's limit for divergence")
 
 
 def _check_actions(actions: NDArray, steps: int, what: str) -> None:
@@ -278,7 +271,9 @@ def import_human(source: str, output: Path, data_path: Path | None = None) -> Im
         demonstrations = tqdm(data.read(), total=len(data), disable=None, leave=False)
         for index, demonstration in enumerate(demonstrations):
             episode, metrics, completed = as_episode(environment, index, demonstration)
-            folder.append(dataclasses.replace(episode, metrics=metrics))
+            # An interrupted import has written the same episodes.
+            with contextlib.suppress(FileExistsError):
+                folder.append(dataclasses.replace(episode, metrics=metrics))
             for name in completed:
                 completions[name] += 1
             counts[len(completed)] += 1

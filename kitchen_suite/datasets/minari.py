@@ -14,6 +14,7 @@ import gymnasium
 import numpy as np
 
 from kitchen_suite import checks, files
+from kitchen_suite.datasets import hdf5
 from kitchen_suite.episodes.episode import Episode, unflatten
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -63,7 +64,7 @@ def write(path: Path, spec: EpisodeSpec, episodes: Iterable[Episode]) -> None:
             written += len(chunk)
             last = chunk[-1].index
         if has_pictures:
-            _compress(storage.data_path / _DATA_FILE)
+            hdf5.compress(storage.data_path / _DATA_FILE, PICTURE_AXES)
             storage.update_metadata({"dataset_size": storage.get_size()})
         # As many episodes as were recorded, unless the physics of the last ones diverged.
         storage.update_metadata({SPEC_KEY: spec.as_json(), _COUNT_KEY: last + 1})
@@ -136,6 +137,7 @@ def load(name: str) -> Any:
     minari = import_minari()
     for data in (Path(name), Path(name, "data")):
         if (data / "metadata.json").is_file():
+            _check_data(data)
             with files.reading(data, "a Minari dataset"):
                 return minari.MinariDataset(data)
     if Path(name).exists() or not re.search(r"-v\d+$", name):
@@ -143,38 +145,25 @@ def load(name: str) -> Any:
     check_id(name)
     if not (_datasets_root() / name / "data").exists():
         return None
+    _check_data(_datasets_root() / name / "data")
     with files.reading(Path(name), "a Minari dataset"):
         return minari.load_dataset(name)
+
+
+def _check_data(data: Path) -> None:
+    """Raises an OSError unless Minari can read the folder of a dataset safely: JSON of bounded size, and HDF5."""
+    record = files.load_json(data / "metadata.json", "the metadata of a Minari dataset")
+    if not isinstance(record, dict) or record.get("data_format", "hdf5") != "hdf5":
+        raise OSError(f"{data} does not hold a Minari dataset in HDF5, the format that is read")
 
 
 def load_episode(dataset: Any, index: int) -> Any:
     """Returns an episode of a dataset as Minari has it; an OSError if it cannot be read, or is too large."""
     data_path = dataset.storage.data_path
+    hdf5.check_group(data_path / _DATA_FILE, f"episode_{index}")
     with files.reading(data_path, f"episode {index}"):
-        _check_episode_size(data_path, index)
         (episode,) = dataset.iterate_episodes([index])
         return episode
-
-
-def _compress(path: Path) -> None:
-    """Compresses the pictures in an HDF5 file, each by itself and without loss; readers need not know."""
-    h5py, compressed = importlib.import_module("h5py"), path.with_suffix(".compressed")
-    with h5py.File(path, "r") as source, h5py.File(compressed, "w") as target:
-
-        def copy(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Group):
-                made = target.create_group(name)
-            elif item.ndim <= PICTURE_AXES:
-                source.copy(item, target, name)
-                return
-            else:
-                options = {"chunks": (1, *item.shape[1:]), "compression": "gzip", "shuffle": True}
-                made = target.create_dataset(name, data=item[()], maxshape=item.maxshape, **options)
-            made.attrs.update(item.attrs)
-
-        source.visititems(copy)
-        target.attrs.update(source.attrs)
-    os.replace(compressed, path)
 
 
 @contextlib.contextmanager
@@ -193,7 +182,7 @@ def folder(path: Path | None) -> Iterator[Path]:
 def import_minari() -> Any:
     """Returns the module; raises an ImportError with the remedy."""
     try:
-        importlib.import_module("h5py")
+        hdf5.library()
         return importlib.import_module("minari")
     except ImportError as error:
         raise ImportError(f"a dataset needs Minari ({error}): {checks.install_command('record')}") from error
@@ -213,17 +202,6 @@ def _is_id(dataset_id: str) -> bool:
     except (TypeError, ValueError):  # A missing version is a TypeError.
         return False
     return True
-
-
-def _check_episode_size(data_path: Path, index: int) -> None:
-    """Raises an OSError if an episode in HDF5 declares more than `files.MAX_ARRAY_BYTES`, before it is read."""
-    path = data_path / _DATA_FILE
-    if not path.exists():  # Minari's other formats.
-        return
-    h5py, sizes = importlib.import_module("h5py"), []
-    with h5py.File(path, "r") as file:
-        file[f"episode_{index}"].visititems(lambda name, item: sizes.append(getattr(item, "nbytes", 0)))
-    files.check_size(sum(sizes), files.MAX_ARRAY_BYTES)
 
 
 def _datasets_root() -> Path:

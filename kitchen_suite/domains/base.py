@@ -55,6 +55,8 @@ class Domain:
       evaluation: entry point of the `evaluation.protocols.DomainProtocols`; None for the general protocols alone.
       expert: entry point of the class of the scripted expert, a `policies.experts.Expert`; None if there is none.
       undirected: entry point of the class of the expert that completes tasks in a random order; None if there is none.
+      contents: entry point of a function of the arguments of an environment that returns them with the contents of
+        files in place of their names; None where no argument names a file.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Domain:
     evaluation: str | None = None
     expert: str | None = None
     undirected: str | None = None
+    contents: str | None = None
 
     def __post_init__(self) -> None:
         """Checks the record; raises a TypeError or ValueError that names the attribute."""
@@ -92,7 +95,7 @@ class Domain:
             _check_form(env_id, _ENV_ID, "id of an environment")
         if len({self.env_id, *self.task_ids.values()}) <= len(self.tasks):
             raise ValueError(f"task_id {self.task_id!r} must give each task an id of its own; put {{}} for its name")
-        for kind in ("env", "vector_env", "training", "recording", "evaluation", "expert", "undirected"):
+        for kind in ("env", "vector_env", "training", "recording", "evaluation", "expert", "undirected", "contents"):
             if (entry_point := getattr(self, kind)) is not None:
                 _check_form(entry_point, _ENTRY_POINT, f"entry point {kind}")
         for kind in ("scene", "task"):
@@ -123,6 +126,14 @@ class Domain:
         """Returns the object that an attribute names by its entry point, or is itself; None for None."""
         value = getattr(self, attribute)
         return pkgutil.resolve_name(value) if isinstance(value, str) else value
+
+    def with_contents(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """Returns arguments of an environment with the contents of files in place of their names.
+
+        Environments that are built of them later, on any machine, are the same whatever has become of the files.
+        """
+        read = self.resolve("contents")
+        return dict(arguments) if read is None else read(arguments)
 
     @property
     def env_entry_point(self) -> str:
@@ -195,6 +206,7 @@ class Domain:
 
         known = self.arguments()
         checks.keywords(arguments, known, what="argument", elsewhere=OF_GYMNASIUM)
+        arguments = self.with_contents(arguments)
         if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
             raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
         physics = self.physics if physics is None else physics

@@ -14,7 +14,7 @@ import collections
 import dataclasses
 import hashlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from kitchen_suite import files
+from kitchen_suite import checks, files
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.tasks.records import Metrics
@@ -38,6 +38,12 @@ class Step(NamedTuple):
     termination: Any
     truncation: Any
 
+
+# Greatest magnitude of a recorded number, that from which MuJoCo takes the physics to have diverged (mjMAXVAL).
+MAX_VALUE = 1e10
+
+# Keys in each other in the name of an array.
+_MAX_DEPTH = 8
 
 # Name of the array of physics states.
 PHYSICS_STATE = "physics_state"
@@ -135,14 +141,40 @@ class Episode:
         if not any(_part(name) == "observation" for name in self.arrays):
             raise ValueError("there are no observations")
         count = self.arrays["reward"].size
+        _check_names(self.arrays)
         for name, array in self.arrays.items():
             kinds, extra, dimensions = _LAYOUT.get(_part(name), ("", 0, 0))
             if array.dtype.kind not in kinds or array.ndim != (dimensions or array.ndim):
                 raise ValueError(f"{name} is an array of {array.dtype} with {array.ndim} dimensions")
             if array.ndim == 0 or len(array) != count + extra or not count:
                 raise ValueError(f"{name} of shape {array.shape} does not fit {count} control steps")
+            if _part(name) == "observation" and array.ndim < 2:
+                raise ValueError(f"{name} of shape {array.shape} has no numbers for each control step")
         if actions_sha256 is not None and actions_sha256 != self.actions_sha256:
             raise ValueError("its actions are not those that were recorded: their SHA-256 does not match")
+
+    def check_fits(self, environment: gymnasium.Env, *, is_partial: bool = False) -> None:
+        """Raises a ValueError unless observations and actions are in the spaces of an environment, in its types.
+
+        Args:
+          environment: of the specification of the episode.
+          is_partial: whether observed numbers may be NaN, as where another program has not recorded all of them.
+        """
+        wanted = flatten(environment.observation_space, "observation")
+        given = {name: array for name, array in self.arrays.items() if _part(name) == "observation"}
+        if odd := sorted(given.keys() ^ wanted.keys()):
+            raise ValueError(f"the observations of episode {self.index} lack, or have beside their own, {odd}")
+        spaces_of = {**{name: (given[name], space) for name, space in wanted.items()}}
+        spaces_of["action"] = self.arrays["action"], environment.action_space
+        for name, (array, space) in spaces_of.items():
+            if array.shape[1:] != space.shape or array.dtype.kind != space.dtype.kind:
+                found, own = (f"{each.dtype.kind}{list(each.shape[-len(space.shape) :])}" for each in (array, space))
+                raise ValueError(f"{name} of episode {self.index} has {found} in a control step, not {own}")
+            known = array[np.isfinite(array)] if is_partial and name != "action" else array
+            if not np.isfinite(known).all() or float(np.abs(known).max(initial=0)) > MAX_VALUE:
+                raise ValueError(
+                    f"{name} of episode {self.index} has numbers that are not finite, or above {MAX_VALUE:g}"
+                )
 
     @property
     def last_info(self) -> dict[str, NDArray]:
@@ -156,6 +188,19 @@ class Episode:
 
 def _part(name: str) -> str:
     return name.partition("/")[0]
+
+
+def _check_names(names: Collection[str]) -> None:
+    """Raises a ValueError for a name that is too deep or has empty parts, or that is a group of other names as well."""
+    groups = {
+        "/".join(parts[:depth]) for parts in (name.split("/") for name in names) for depth in range(1, len(parts))
+    }
+    for name in names:
+        parts = name.split("/")
+        if len(parts) > _MAX_DEPTH or not all(parts):
+            raise ValueError(f"{checks.shown(name)} is no name of an array")
+        if name in groups:
+            raise ValueError(f"{checks.shown(name)} is the name of an array and the beginning of those of others")
 
 
 def flatten(nested: Any, name: str) -> dict[str, Any]:

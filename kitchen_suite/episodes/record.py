@@ -101,12 +101,18 @@ def complete(
     missing = recording.missing(num_episodes)
     played = play_numbered(episodes, policy, missing, num_envs=num_envs, num_threads=num_threads, cluster=cluster)
     diverged: list[int] = []
-    with EpisodeBar(num_episodes, num_episodes - len(missing), successes) as bar, contextlib.closing(played):
+    with (
+        recording.withdrawn_without_episodes(),
+        EpisodeBar(num_episodes, num_episodes - len(missing), successes) as bar,
+        contextlib.closing(played),
+    ):
         for episode in played:
             if episode.diverged:
                 diverged.append(episodes.seed + episode.index)
                 continue
-            recording.append(episode)
+            # Another process that completes the recording has written the same episode.
+            with contextlib.suppress(FileExistsError):
+                recording.append(episode)
             bar.count(bool(episode.metrics["success"]))
     if diverged:
         seeds = sorted(diverged)

@@ -1,14 +1,20 @@
 """A folder of episodes: one file each, written atomically, and the specification that they were made from."""
 
+import contextlib
 import dataclasses
 import hashlib
+import os
+import secrets
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import gymnasium
+
 from kitchen_suite import files
 from kitchen_suite.episodes.episode import Episode, Summary
 from kitchen_suite.episodes.spec import EpisodeSpec
+from kitchen_suite.policies import PolicyError
 from kitchen_suite.tasks.records import Metrics
 
 SPEC_FILE, _PATTERN = "recording.json", "episode_*.npz"
@@ -69,6 +75,15 @@ class Recording:
         except ValueError as error:
             raise OSError(f"{path} does not describe a recording: {error}") from error
 
+    @contextlib.contextmanager
+    def withdrawn_without_episodes(self) -> Iterator[None]:
+        """Context in which the policy acts: if it cannot, and there is no episode yet, nothing is left behind."""
+        try:
+            yield
+        except PolicyError:
+            _RECORDING.withdraw(self.folder)
+            raise
+
     @property
     def indices(self) -> list[int]:
         """Numbers of the episodes in the folder, in order."""
@@ -86,7 +101,18 @@ class Recording:
         return [(index, self.spec.seed + index) for index in range(count) if index not in present]
 
     def append(self, episode: Episode) -> None:
-        """Writes an episode as a compressed npz that `numpy.load` reads without pickle, with its metadata as JSON."""
+        """Writes an episode as a compressed npz that `numpy.load` reads without pickle, with its metadata as JSON.
+
+        Raises a FileExistsError if there is one of its number: of several processes that write it, one succeeds.
+        """
+        files.create_arrays(self._path(episode.index), episode.arrays, self._metadata(episode))
+
+    def keep_aside(self, episode: Episode) -> Path:
+        """Writes an episode whose number is taken to a file of its own, which is not among the episodes; returns it."""
+        name = f"unsaved_{episode.index:06d}_{os.getpid()}_{secrets.token_hex(4)}.npz"
+        return files.create_arrays(self.folder / name, episode.arrays, self._metadata(episode))
+
+    def _metadata(self, episode: Episode) -> dict[str, Any]:
         summary = episode.summary
         metadata = _Metadata(
             episode=episode.index,
@@ -99,7 +125,7 @@ class Recording:
             actions_sha256=episode.actions_sha256,
             recording=self.spec.as_json(),
         )
-        files.save_arrays(self._path(episode.index), episode.arrays, vars(metadata))
+        return vars(metadata)
 
     def remove(self, index: int) -> None:
         self._path(index).unlink(missing_ok=True)
@@ -124,6 +150,18 @@ class Recording:
             episode.check(about.actions_sha256)
         except ValueError as error:
             raise OSError(f"{self._path(index)} does not hold an episode: {error}") from error
+        return episode
+
+    def load_fitting(self, index: int, environment: gymnasium.Env) -> Episode:
+        """Reads an episode for those who compute with it; raises as `load`.
+
+        An OSError is raised as well unless observations and actions are in the spaces of the recording's environment.
+        """
+        episode = self.load(index)
+        try:
+            episode.check_fits(environment, is_partial=self.spec.origin is not None)
+        except ValueError as error:
+            raise OSError(f"{self._path(index)} does not hold an episode of its task: {error}") from error
         return episode
 
     def load_summary(self, index: int) -> Summary:

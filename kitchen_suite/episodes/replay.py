@@ -54,7 +54,7 @@ def replay_episode(environment: gymnasium.Env, recorded: Episode, seeding: str, 
     if shape != expected:
         raise ValueError(f"episode {recorded.index} has actions of shape {shape}, the environment {expected}")
     task = suite_env(environment).composer_task
-    observation, info = reset_to_seed(environment, recorded.seed, seeding, _options(task, recorded))
+    observation, info = reset_to_seed(environment, recorded.seed, seeding, reset_options(task, recorded))
     name = episode_name(recorded.index, recorded.seed)
     buffer = EpisodeBuffer(observation, info, suite_env(environment).physics_state, name)
     inner = suite_env(environment).environment
@@ -67,7 +67,7 @@ def replay_episode(environment: gymnasium.Env, recorded: Episode, seeding: str, 
     return dataclasses.replace(episode, arrays={**episode.arrays, **own})
 
 
-def _options(task: SuiteTask, recorded: Episode) -> dict[str, Any] | None:
+def reset_options(task: SuiteTask, recorded: Episode) -> dict[str, Any] | None:
     """Returns the options of a reset that repeat what was drawn in a recorded episode; None if there are none."""
     prefix = f"info/{VARIATION_VALUES}/"
     values = {name.removeprefix(prefix): rows[0] for name, rows in recorded.arrays.items() if name.startswith(prefix)}

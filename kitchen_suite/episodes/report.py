@@ -3,15 +3,19 @@
 import statistics
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from tabulate import tabulate
 from tqdm import tqdm
 
+from kitchen_suite import checks
 from kitchen_suite.episodes.episode import Summary
 
 # Characters in a line that a command prints.
 WIDTH = 100
+
+# Formats of tables, with tabulate's names of them; LaTeX needs the package booktabs.
+TABLE_FORMATS: Mapping[str, str] = {"text": "simple", "markdown": "pipe", "latex": "latex_booktabs"}
 
 _GAP = "  "
 _UNBROKEN = "\N{NO-BREAK SPACE}"
@@ -81,10 +85,16 @@ class EpisodeBar(tqdm):
         self.update()
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], style: str = "simple") -> str:
-    """Returns a table in one of tabulate's formats; the first column is left-aligned, the others right-aligned."""
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], table_format: str = "text") -> str:
+    """Returns a table in one of `TABLE_FORMATS`; the first column is left-aligned, the others right-aligned."""
     alignment = ["left", *["right"] * (len(header) - 1)]
+    style = TABLE_FORMATS[checks.choice(table_format, TABLE_FORMATS, "table_format")]
     return tabulate(rows, header, tablefmt=style, colalign=alignment, disable_numparse=True)
+
+
+def paragraph(text: str, table_format: str = "text") -> str:
+    """Returns a text that stands between tables of one of `TABLE_FORMATS`; in LaTeX it is a comment."""
+    return textwrap.indent(text, "% ") if table_format == "latex" else text
 
 
 def counted(count: int) -> str:

@@ -49,17 +49,20 @@ class EnvironmentSpec:
     def make(
         domain_name: str, task_name: str | None, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
     ) -> "EnvironmentSpec":
-        """Makes a specification of checked arguments; None stands for the domain's default."""
+        """Makes a specification of checked arguments; None stands for the domain's default.
+
+        It has the contents of files that arguments name, in place of their names.
+        """
         task_name = suite.default_task(domain_name) if task_name is None else task_name
         if max_episode_steps is not None:
             checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
         suite.check_not_fixed(domain_name, task_name, task_kwargs)
-        if reserved := sorted(_RESERVED & task_kwargs.keys()):
-            raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: what plays episodes sets it")
+        _check_not_reserved(task_kwargs)
         domain = suite.find_domain(domain_name)
         env_class = domain.env_class
         # Before Gymnasium does, which takes some names itself, such as `disable_env_checker`.
         env_class.check_keywords(domain, task_kwargs, exclude=_RESERVED)
+        task_kwargs = domain.with_contents(task_kwargs)
         obs_type = env_class.find_obs_type(task_kwargs.get("obs_type"))
         # The quality of observed pictures must not depend on that of a video.
         quality = {"render_quality": "high"} if has_pictures(obs_type) else {}
@@ -191,7 +194,9 @@ class EpisodeSpec(EnvironmentSpec):
         spec = files.parse(record, cls, "not a specification")
         if unknown := sorted(record.keys() - {field.name for field in dataclasses.fields(cls)}):
             raise ValueError(f"unknown attributes {unknown}")
+        suite.check_named(spec.domain_name, spec.task_kwargs)
         suite.task_arguments(spec.domain_name, spec.task_name)
+        _check_not_reserved(spec.task_kwargs)
         checks.choice(spec.seeding, SEEDINGS, "seeding")
         checks.integer(spec.seed, "seed", minimum=0)
         checks.integer(spec.max_episode_steps, "max_episode_steps", minimum=1)
@@ -244,6 +249,11 @@ class EpisodeSpec(EnvironmentSpec):
             return self
         extras = [*(self.argument("extra_observables") or []), *missing]
         return dataclasses.replace(self, task_kwargs={**self.task_kwargs, "extra_observables": extras})
+
+
+def _check_not_reserved(task_kwargs: Mapping[str, Any]) -> None:
+    if reserved := sorted(_RESERVED & task_kwargs.keys()):
+        raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: what plays episodes sets it")
 
 
 def merged_kwargs(task_kwargs: Mapping[str, Any], named: Mapping[str, Any]) -> dict[str, Any]:

@@ -84,6 +84,16 @@ def _check_frame_count(path: str, expected: int) -> None:
         raise OSError(f"ffmpeg wrote {found} of {expected} frames")
 
 
+def frame_stride(control_timestep: float, frames_per_second: float) -> tuple[int, float]:
+    """Returns the control steps for each frame of a video in real time, and its frames per second, at most those given.
+
+    `control_timestep` is the length of a control step [s].
+    """
+    rate = 1.0 / control_timestep
+    stride = max(1, math.ceil(rate / frames_per_second - 1e-6))
+    return stride, rate / stride
+
+
 class EpisodeVideo:
     """A video of the first episodes that an environment plays, in real time."""
 
@@ -117,10 +127,7 @@ class EpisodeVideo:
         self._environment = environment
         self._camera = cameras.find_camera(environment.physics, camera)
         self._width, self._height = width, height
-        rate = 1.0 / environment.control_timestep()
-        # Control steps for each frame.
-        self._stride = max(1, math.ceil(rate / frames_per_second - 1e-6))
-        self._frames_per_second = rate / self._stride
+        self._stride, self._frames_per_second = frame_stride(environment.control_timestep(), frames_per_second)
         self._num_episodes = num_episodes
         self._max_frames = None if max_steps is None else num_episodes * (max_steps // self._stride + 1)
 

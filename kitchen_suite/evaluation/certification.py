@@ -11,6 +11,7 @@ import kitchen_suite.rendering.without_gl  # noqa: F401
 import concurrent.futures
 import functools
 import multiprocessing
+import signal
 from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
@@ -72,8 +73,8 @@ def write_certificates(
 ) -> dict[int, Certificate]:
     """Appends the certificates that a file lacks; returns those of all the kitchens, by number.
 
-    Each is written as a whole line when its kitchen is finished, so the same call continues after an interrupt. Of a
-    file whose last line was cut off, that line is replaced.
+    Each is written as a whole line as soon as its kitchen is finished, in any order, so the same call continues after
+    an interrupt, which ends all processes at once. Of a file whose last line was cut off, that line is replaced.
 
     Args:
       path: file of certificates, which is made if there is none. Environments with `certified=True` read
@@ -125,11 +126,28 @@ def _read(path: Path, numbers: Sequence[int], split: str) -> dict[int, Certifica
 
 
 def _certified(numbers: Sequence[int], split: str, num_workers: int) -> Iterator[Certificate]:
-    """Yields the certificates of kitchens in the order of their numbers."""
-    work = functools.partial(certify, split=split)
+    """Yields the certificates of kitchens as they are finished."""
     progress = functools.partial(tqdm, total=len(numbers), unit="kitchen", disable=None, leave=False)
     if checks.integer(num_workers, "num_workers", minimum=1) == 1:
-        yield from progress(map(work, numbers))
+        yield from progress(certify(number, split) for number in numbers)
         return
-    with concurrent.futures.ProcessPoolExecutor(num_workers, multiprocessing.get_context("spawn")) as pool:
-        yield from progress(pool.map(work, numbers))
+    others = {*multiprocessing.active_children()}
+    pool = concurrent.futures.ProcessPoolExecutor(
+        num_workers, multiprocessing.get_context("spawn"), initializer=_ignore_interrupts
+    )
+    try:
+        waiting = [pool.submit(certify, number, split) for number in numbers]
+        for finished in progress(concurrent.futures.as_completed(waiting)):
+            yield finished.result()
+    except BaseException:
+        # Kitchens in progress take up to a minute, and nobody waits for them.
+        for worker in {*multiprocessing.active_children()} - others:
+            worker.kill()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _ignore_interrupts() -> None:
+    """Leaves an interrupt, which a terminal sends to all processes, to the one that started this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -163,6 +163,14 @@ def goal_reached(states: States, goals: States) -> bool:
     return bool((_distances(states[1:], goals[-1]) <= _GOAL_DISTANCE).any())
 
 
+def holds_at_start(options: Mapping[str, Any]) -> bool:
+    """Returns whether the last goal state of a reset's options is reached where they have the episode start."""
+    if not {"start_state", "goal_states"} <= options.keys():
+        return False
+    start, goal = np.array(options["start_state"]), np.array(options["goal_states"][-1])
+    return bool(_distances(start, goal) <= _GOAL_DISTANCE)
+
+
 def _distances(states: States, goals: States) -> NDArray[np.float64]:
     distances: NDArray[np.float64] = np.linalg.norm(states[..., _OBJECTS] - goals[..., _OBJECTS], axis=-1)
     return distances

@@ -18,16 +18,17 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.cluster import Cluster
 from kitchen_suite.episodes.episode import EpisodeBuffer, Waiting, Watch
 from kitchen_suite.episodes.play import Controller, SingleRollout, VectorEpisode, VectorRollout, make_controller
-from kitchen_suite.episodes.report import EpisodeBar, print_line
+from kitchen_suite.episodes.report import TABLE_FORMATS, EpisodeBar, paragraph, print_line
 from kitchen_suite.episodes.spec import EpisodeSpec, even_count, reset_to_seed
 from kitchen_suite.evaluation import criteria, receipts, tables
+from kitchen_suite.evaluation.confirmed import format_changes
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, check_robot, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipts import Receipt, Trace, TraceRecorder
 from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies import TIMESTEP, PolicyRef
+from kitchen_suite.policies import TIMESTEP, PolicyError, PolicyRef
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -60,6 +61,11 @@ class Evaluation:
         """Returns what was evaluated, and all scores, as JSON represents it, without times, dates and paths."""
         return as_json(self.plan, self.scores_by_condition)
 
+    @property
+    def episode_rows(self) -> dict[str, list[dict[str, Any]]]:
+        """The results of the episodes by condition, as JSON represents them, from which `compare` can pair them."""
+        return {name: [result.as_json() for result in each] for name, each in self.results.items()}
+
     def write_receipt(self, path: Path) -> None:
         """Writes the receipt of the episodes, whose results have traces."""
         traces = {name: [Trace.from_text(result.trace) for result in each] for name, each in self.results.items()}
@@ -88,6 +94,7 @@ def evaluate(
     resume: bool = False,
     receipt: str | Path | None = None,
     verbose: bool = False,
+    table_format: str = "text",
 ) -> Evaluation:
     """Evaluates a policy under a protocol.
 
@@ -112,6 +119,7 @@ def evaluate(
       resume: whether to continue the evaluation in `output`.
       receipt: file to write a receipt to, which `kitchen_suite.replay` checks without the policy.
       verbose: whether to print the scores of each condition as soon as they are there.
+      table_format: of what is printed: `text`, `markdown` or `latex`.
 
     Raises:
       OSError: a file or folder cannot be read or written.
@@ -120,6 +128,7 @@ def evaluate(
     """
     reference = PolicyRef.of(policy, takes)
     checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
+    checks.choice(table_format, TABLE_FORMATS, "table_format")
     if resume and output is None:
         raise ValueError("an evaluation is resumed in its folder, output")
     if resume and reference.function is not None:
@@ -141,7 +150,8 @@ def evaluate(
     if receipt is not None and not all(result.trace for result in folder.results.values()):
         raise ValueError(f"{output} has episodes without actions, so that no receipt can be written")
     if verbose:
-        print_line(tables.format_heading(plan))
+        heading = "\n".join(filter(None, [tables.format_heading(plan), format_changes(plan)]))
+        print_line(paragraph(heading, table_format))
     results = {}
     successes = sum(result.success for result in folder.results.values())
     with EpisodeBar(len(_seeds(plan)), len(folder.results), successes) as bar:
@@ -154,22 +164,33 @@ def evaluate(
                     threads = num_threads or 1
                     arguments = (name, plan, reference, num_envs, threads, recorded)
                     played = cluster.run(_play_part, arguments, waiting, num_cpus=threads)
-                with contextlib.closing(played):
+                with _withdrawn_without_results(folder), contextlib.closing(played):
                     for result in played:
                         folder.add(result)
                         bar.count(result.success)
             results[name] = [folder.results[name, index] for index in range(plan.num_episodes)]
             if verbose:
                 scores = score_episodes(results[name], plan.score)
-                print_line(f"\n{tables.format_scores(name, spec.task_name, plan.num_episodes, scores)}")
+                formatted = tables.format_scores(name, spec.task_name, plan.num_episodes, scores, table_format)
+                print_line(f"\n{formatted}")
     evaluation = Evaluation(plan=plan, results=results)
     if verbose and len(results) > 1:
-        print_line(f"\n{tables.format_summary(evaluation.scores_by_condition)}")
+        print_line(f"\n{tables.format_summary(evaluation.scores_by_condition, table_format)}")
         if overall := evaluation.as_json().get("overall"):
-            print_line(f"\n{tables.format_overall(overall)}")
+            print_line(f"\n{tables.format_overall(overall, table_format)}")
     if receipt is not None:
         evaluation.write_receipt(Path(receipt))
     return evaluation
+
+
+@contextlib.contextmanager
+def _withdrawn_without_results(folder: EvaluationFolder) -> Iterator[None]:
+    """Context in which the policy acts: if it cannot, and there is no result yet, nothing is left in the folder."""
+    try:
+        yield
+    except PolicyError:
+        folder.withdraw()
+        raise
 
 
 def _seeds(plan: EvaluationPlan) -> dict[Key, int]:

@@ -22,6 +22,7 @@ class EvaluationFolder:
 
     def __init__(self, folder: Path | None = None) -> None:
         """Begins without results, which are lost at the end where there is no folder; see `create` and `resume`."""
+        self._folder = folder
         self._path = folder and folder / EPISODES_FILE
         self._evaluation = files.file_digest(folder / DESCRIPTION_FILE) if folder else ""
         self.results: dict[Key, EpisodeResult] = {}
@@ -39,6 +40,11 @@ class EvaluationFolder:
         opened = cls(folder)
         opened._read(folder / EPISODES_FILE, seeds)
         return opened
+
+    def withdraw(self) -> None:
+        """Removes the description from the folder if there is no result."""
+        if self._folder and not self.results:
+            _EVALUATION.withdraw(self._folder)
 
     def add(self, result: EpisodeResult) -> None:
         if self._path:

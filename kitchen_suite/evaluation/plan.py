@@ -72,7 +72,8 @@ class EvaluationPlan:
         """The protocol's condition by each name; where its task was replaced, one with its goals, but no measures."""
         protocol = PROTOCOLS[self.protocol]
         own = {(condition.name, condition.task_name): condition for condition in protocol.conditions}
-        replaced = Condition(goals=protocol.conditions[0].goals)
+        first = protocol.conditions[0]
+        replaced = Condition(goals=first.goals, goal_options=first.goal_options)
         return {name: own.get((name, spec.task_name), replaced) for name, spec in self.specs.items()}
 
     @property
@@ -122,6 +123,30 @@ class EvaluationPlan:
         its = _values(own)
         return [name for name in mine if mine[name] != its[name]]
 
+    @property
+    def changes(self) -> dict[str, tuple[Any, Any]]:
+        """The values that are not the protocol's, by name, each with the protocol's; None for a default.
+
+        The names of arguments begin with that of their condition, unless they are the same in all conditions.
+        """
+        mine = _values(self)
+        its = _values(_unprepared(PolicyRef.parse("zero"), self.protocol, Replaced(domain_name=self.first.domain_name)))
+        conditions, own = dict(mine.pop("conditions")), dict(its.pop("conditions"))
+        found = {name: (mine[name], its[name]) for name in mine if mine[name] != its[name]}
+        if [*conditions] != [*own]:
+            found["conditions"] = [*conditions], [*own]
+        by_condition = {}
+        for name, condition in conditions.items():
+            # Where the task is replaced, the first condition stands for all.
+            other = own.get(name, next(iter(own.values())))
+            by_condition[name] = _differences(condition, other)
+        common = set.intersection(*({*map(json.dumps, each.items())} for each in by_condition.values()))
+        for name, each in by_condition.items():
+            for argument, pair in each.items():
+                is_common = json.dumps((argument, pair)) in common
+                found[argument if is_common else f"{name}: {argument}"] = pair
+        return found
+
     @classmethod
     def of(cls, description: Mapping[str, Any], resets: Mapping[str, list[dict[str, Any]]] | None = None) -> Self:
         """Returns the plan of a description, unprepared; a TypeError or ValueError for one of another version."""
@@ -131,7 +156,10 @@ class EvaluationPlan:
         specs = {}
         for name, condition in record.conditions.items():
             task_name, kwargs = condition.task_name, condition.task_kwargs
+            _check_name(protocol, name, task_name)
             check_robot(kwargs)
+            if domain.with_contents(kwargs) != kwargs:
+                raise ValueError(f"{name} depends on files of the machine that wrote it, which may be others elsewhere")
             environments = EnvironmentSpec.make(domain.name, task_name, kwargs, record.max_episode_steps)
             played = environments.episodes(PolicyRef.parse("zero"), seed=record.seed)
             specs[name] = dataclasses.replace(
@@ -147,11 +175,14 @@ class EvaluationPlan:
         for name, each in resets.items():
             with contextlib.closing(self.specs[name].make_environment()) as environment:
                 requests = suite_env(environment).composer_task.requests
+            goal_options = {*self.conditions[name].goal_options}
             for options in each:
-                if not options or not options.keys() <= {*requests.options}:
-                    shown = checks.shown(options)
-                    raise ValueError(f"options of the reset of an episode of {name} are no goals: {shown}")
+                if options.keys() != goal_options:
+                    shown = f"the options {sorted(options)}, not {sorted(goal_options)}"
+                    raise ValueError(f"the reset of an episode of {name} has {shown}, which are its goals")
                 requests.checked(options)
+                if criteria.holds_at_start(options):
+                    raise ValueError(f"a goal of {name} holds at the start of its episode: it cannot be reached")
             if len(each) != self.num_episodes:
                 raise ValueError(f"{len(each)} episodes of {name} have goals of their own, not {self.num_episodes}")
         return dataclasses.replace(self, resets=dict(resets))
@@ -195,10 +226,15 @@ def make_plan(
         return dataclasses.replace(plan, specs=prepared)
     if not taken:
         raise ValueError(f"protocol {plan.protocol!r} takes no goals from a dataset")
+    return dataclasses.replace(plan.with_resets(resets_of(plan, dataset)), specs=prepared)
+
+
+def resets_of(plan: EvaluationPlan, dataset: Path) -> dict[str, list[dict[str, Any]]]:
+    """Returns the options of the resets of the conditions with goals, which are taken from a recording."""
     recorded = _Recorded(dataset, plan.first.domain_name)
     seeds = range(plan.first.seed, plan.first.seed + plan.num_episodes)
-    resets = {name: [recorded.options(take, seed) for seed in seeds] for name, take in taken.items()}
-    return dataclasses.replace(plan.with_resets(resets), specs=prepared)
+    taken = {name: condition.goals for name, condition in plan.conditions.items() if condition.goals}
+    return {name: [recorded.options(take, seed) for seed in seeds] for name, take in taken.items()}
 
 
 class _Recorded:
@@ -214,6 +250,7 @@ class _Recorded:
             raise ValueError(f"{folder} holds no episodes")
         _check_franka(spec, f"the goals of {folder}")
         with contextlib.closing(spec.make_environment()) as environment:
+            self._environment = environment
             self._observations = suite_env(environment).observations
 
     def options(self, take: Goals, seed: int) -> dict[str, Any]:
@@ -228,7 +265,7 @@ class _Recorded:
 
     def _episode(self, index: int) -> tuple[NDArray[np.float64], list[str]]:
         """Returns the states `(T + 1, 30)` of an episode, and the tasks that it completed, in order."""
-        observation = unflatten(self._folder.load(index).arrays, "observation")
+        observation = unflatten(self._folder.load_fitting(index, self._environment).arrays, "observation")
         try:
             states = self._observations.recover_flat(observation)
         except (IndexError, KeyError, TypeError):
@@ -260,6 +297,27 @@ def _values(plan: EvaluationPlan) -> dict[str, Any]:
     return {**{name: values[name] for name in names}, "conditions": [*values["conditions"].items()]}
 
 
+def _differences(condition: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    """Returns task and arguments that two conditions have otherwise, as `EvaluationPlan.changes`."""
+    one = {"task_name": condition["task_name"], **condition["task_kwargs"]}
+    its = {"task_name": other["task_name"], **other["task_kwargs"]}
+    return {name: (one.get(name), its.get(name)) for name in {**one, **its} if one.get(name) != its.get(name)}
+
+
+def _check_name(protocol: Protocol, name: str, task_name: str) -> None:
+    """Raises a ValueError unless a condition of a task has the name that the protocol gives it; see `_specs`."""
+    names = [_name_of(condition, task_name) for condition in protocol.conditions]
+    if name not in names:
+        problem = f"{name!r} is no condition of protocol {protocol.name!r} with the task {task_name!r}"
+        raise ValueError(f"{problem}: that is called {' or '.join(map(repr, dict.fromkeys(names)))}")
+
+
+def _name_of(condition: Condition, task_name: str) -> str:
+    """Returns the name of a condition whose episodes are of a task."""
+    is_replaced = condition.task_name not in (None, task_name)
+    return task_name if is_replaced else condition.name or task_name
+
+
 def find_protocol(name: str, domain_name: str) -> Protocol:
     """Returns a protocol of a domain; a ValueError if it is for other domains."""
     own = domain_protocols(domain_name).protocols
@@ -289,8 +347,7 @@ def _specs(policy: PolicyRef, protocol: Protocol, replaced: Replaced) -> dict[st
         spec = environments.episodes(policy, seed=seed)
         if spec in specs.values():
             continue
-        is_replaced = condition.task_name not in (None, spec.task_name)
-        name = spec.task_name if is_replaced else condition.name or spec.task_name
+        name = _name_of(condition, spec.task_name)
         if name in specs:
             raise ValueError(f"the conditions of protocol {protocol.name!r} are of tasks that {name!r} cannot replace")
         specs[name] = spec

@@ -46,6 +46,7 @@ class Condition:
       task_name: one of the domain's tasks; that of its `DomainProtocols` when None.
       measures: further measures of its episodes by name; only in the kitchen.
       goals: what its episodes ask for, taken from a recording; None where their seeds say it all.
+      goal_options: names of the options of a reset that `goals` returns.
     """
 
     name: str = ""
@@ -53,6 +54,7 @@ class Condition:
     task_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     measures: Mapping[str, Measure] = dataclasses.field(default_factory=dict)
     goals: Goals | None = None
+    goal_options: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -354,6 +356,7 @@ _PROTOCOLS = (
                     "control_mode": "joint_velocity",
                 },
                 goals=criteria.last_frames,
+                goal_options=("requested_tasks", "goal_states"),
             ),
         ),
         num_episodes=1_000,
@@ -373,6 +376,7 @@ _PROTOCOLS = (
                 task_kwargs={"goal_states": 1, "control_mode": "joint_velocity", **_EXACTLY_SEEN},
                 measures={"goal_reached": criteria.goal_reached},
                 goals=criteria.later_state,
+                goal_options=("start_state", "goal_states"),
             ),
         ),
         num_episodes=100,

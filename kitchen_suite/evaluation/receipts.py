@@ -174,7 +174,7 @@ class Receipt:
             "evaluation": self.evaluation,
             "replaced": self.replaced,
             "machine": self.machine,
-            "episodes": {name: [*map(_entry, results)] for name, results in self.results.items()},
+            "episodes": {name: [result.as_json() for result in each] for name, each in self.results.items()},
         }
         arrays = {f"{name}/{part}": rows for name, each in self.traces.items() for part, rows in _stacked(each).items()}
         with files.atomic_write(path) as partial:
@@ -224,10 +224,6 @@ def sealed(archive: bytes) -> bytes:
 
 def _seal(contents: bytes) -> bytes:
     return hashlib.sha256(contents).hexdigest().encode()
-
-
-def _entry(result: EpisodeResult) -> dict[str, Any]:
-    return {name: value for name, value in dataclasses.asdict(result).items() if name != "trace"}
 
 
 def _planes(actions: NDArray) -> NDArray[np.uint8]:

@@ -134,6 +134,10 @@ class EpisodeResult:
         """Returns the result that `as_line` was called on; raises a ValueError for another line or evaluation."""
         return files.parse(files.parse_digest_line(line, evaluation), cls, "not the result of an episode")
 
+    def as_json(self) -> dict[str, Any]:
+        """Returns the result as JSON represents it, without its trace."""
+        return {name: value for name, value in dataclasses.asdict(self).items() if name != "trace"}
+
     def as_line(self, evaluation: str) -> bytes:
         """Returns the result as JSON in one line with a digest of it, and of the evaluation that it is of."""
         return files.digest_line(dataclasses.asdict(self), evaluation).encode()

@@ -1,15 +1,20 @@
 """Scores of an evaluation as text."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from kitchen_suite.episodes.report import counted, table
+from kitchen_suite.episodes.report import counted, paragraph, table
 from kitchen_suite.evaluation.plan import EvaluationPlan
+from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.policies import PolicyRef
 
 # Beginnings of the names of scores that are means in a unit of their own; all others are rates.
 _MEANS = ("mean_", "control_steps", "score", "d4rl_score", "subtasks")
 _ENTROPY = "order entropy [bit]"
+_INTERVAL = "95 % interval"
+
+# Scores that have their intervals in the table of all conditions.
+_WITH_INTERVALS = ("mean_tasks", "mean_progress", "success")
 
 
 def format_heading(plan: EvaluationPlan) -> str:
@@ -21,54 +26,96 @@ def format_heading(plan: EvaluationPlan) -> str:
     return f"{played}, {variations}: {counted(plan.num_episodes)}{each}, seeds from {first.seed}"
 
 
-def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[str, Any]) -> str:
-    """Returns the tables of a condition: its scores with intervals, and the rates of single tasks if there are any."""
+def format_scores(
+    name: str, task_name: str, num_episodes: int, scores: Mapping[str, Any], table_format: str = "text"
+) -> str:
+    """Returns the tables of a condition: its scores with intervals, and the rates of single tasks if there are any.
+
+    `table_format` is one of `report.TABLE_FORMATS`.
+    """
     title = task_name if name == task_name else f"{name} ({task_name})"
     intervals = scores["intervals"]
-    rows = [(_label(key), _text(key, scores[key]), _interval(key, intervals[key])) for key in intervals]
+    rows = [(label(key), value_text(key, scores[key]), _interval(key, intervals[key])) for key in intervals]
     if entropy := _entropy(scores):
         rows.append((_ENTROPY, entropy, ""))
-    parts = [table((title, counted(num_episodes), "95 % interval"), rows)]
+    parts = [table((title, counted(num_episodes), _INTERVAL), rows, table_format)]
     if "task_rates" in scores:
         tasks = []
         for task, row in scores["task_rates"].items():
             counts = f"{row['completed']} of {row['asked']}"
-            tasks.append((task, _text("rate", row["rate"]), _interval("rate", row["interval"]), counts))
-        parts.append(table(("task", "completed", "95 % interval", "where asked"), tasks))
+            tasks.append((task, value_text("rate", row["rate"]), _interval("rate", row["interval"]), counts))
+        parts.append(table(("task", "completed", _INTERVAL, "where asked"), tasks, table_format))
     if diverged := scores["diverged_seeds"]:
         where = f"the physics diverged in {counted(len(diverged))}"
-        parts.append(f"{where}, counted as failures that completed nothing: seeds {diverged}")
+        text = f"{where}, counted as failures that completed nothing: seeds {diverged}"
+        parts.append(paragraph(text, table_format))
     return "\n\n".join(parts)
 
 
-def format_summary(scores: Mapping[str, Mapping[str, Any]]) -> str:
-    """Returns the table of all conditions: a row for each, without intervals."""
+def format_summary(scores: Mapping[str, Mapping[str, Any]], table_format: str = "text") -> str:
+    """Returns the table of all conditions: a row for each, with the intervals of the success and of the mean."""
     keys = list(dict.fromkeys(key for each in scores.values() for key in each["intervals"]))
+    header = ["condition"]
+    for key in keys:
+        header += [label(key), _INTERVAL] if key in _WITH_INTERVALS else [label(key)]
     rows = []
     for name, each in scores.items():
-        rows.append((name, *(_text(key, each[key]) if key in each else "" for key in keys), _entropy(each)))
-    return table(("condition", *map(_label, keys), _ENTROPY), rows)
+        cells = [name]
+        for key in keys:
+            cells.append(value_text(key, each[key]) if key in each else "")
+            if key in _WITH_INTERVALS:
+                cells.append(_interval(key, each["intervals"][key]) if key in each else "")
+        rows.append((*cells, _entropy(each)))
+    return table((*header, _ENTROPY), rows, table_format)
+
+
+def format_episodes(results: Mapping[str, Sequence[EpisodeResult]], table_format: str = "text") -> str:
+    """Returns a row for each episode of each condition, by which two evaluations can be paired."""
+    rows = [
+        (
+            result.condition,
+            str(result.seed),
+            "yes" if result.success else "no",
+            f"{result.progress:.4g}",
+            str(result.control_steps),
+            _completed(result),
+        )
+        for each in results.values()
+        for result in each
+    ]
+    header = ("condition", "seed", "success", "progress", "control steps", "completed (at control step)")
+    return table(header, rows, table_format)
+
+
+def _completed(result: EpisodeResult) -> str:
+    if result.diverged:
+        return "the physics diverged"
+    steps = sorted((step, name) for name, step in (result.asked or {}).items() if step is not None)
+    return ", ".join(f"{name} ({step})" for step, name in steps)
 
 
 def _entropy(scores: Mapping[str, Any]) -> str:
     return f"{scores['order_entropy']:.2f}" if "order_entropy" in scores else ""
 
 
-def _label(key: str) -> str:
+def label(key: str) -> str:
+    """Returns the name of a score as tables show it."""
     return key.replace("_", " ").replace("d4rl", "D4RL")
 
 
-def _text(key: str, value: float) -> str:
+def value_text(key: str, value: float) -> str:
+    """Returns the value of a score of a name as tables show it."""
     return f"{value:.4g}" if key.startswith(_MEANS) else f"{100 * value:.1f} %"
 
 
 def _interval(key: str, interval: list[float] | None) -> str:
     if interval is None:
         return "none"
-    low, high = (_text(key, bound) for bound in interval)
+    low, high = (value_text(key, bound) for bound in interval)
     return f"{low} to {high}"
 
 
-def format_overall(overall: Mapping[str, float]) -> str:
+def format_overall(overall: Mapping[str, float], table_format: str = "text") -> str:
     """Returns the table of the scores over all conditions."""
-    return table(("over all conditions", ""), [(_label(name), f"{value:.4g}") for name, value in overall.items()])
+    rows = [(label(name), f"{value:.4g}") for name, value in overall.items()]
+    return table(("over all conditions", ""), rows, table_format)

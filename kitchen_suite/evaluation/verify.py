@@ -4,7 +4,7 @@ import collections
 import contextlib
 import dataclasses
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,9 @@ from kitchen_suite.episodes.replay import Verdict, worst
 from kitchen_suite.episodes.report import EpisodeBar, print_line, table
 from kitchen_suite.episodes.spec import EpisodeSpec, even_count
 from kitchen_suite.evaluation import tables
+from kitchen_suite.evaluation.confirmed import constant_successes, format_subject
 from kitchen_suite.evaluation.evaluate import as_json, play
-from kitchen_suite.evaluation.plan import EvaluationPlan
+from kitchen_suite.evaluation.plan import EvaluationPlan, resets_of
 from kitchen_suite.evaluation.receipts import ActionReplay, Receipt, Trace
 from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
@@ -29,7 +30,10 @@ _VERDICTS = {
 }
 
 # Arguments of environments on which pictures and layouts of observations depend, and none of the numbers compared.
-_OF_OBSERVATIONS = {*PICTURE_OPTIONS, "obs_type", "render_quality"}
+_OF_PICTURES = {*PICTURE_OPTIONS, "obs_type", "render_quality"}
+
+# All on which nothing of an episode but its observations depends.
+_OF_OBSERVATIONS = {*_OF_PICTURES, "extra_observables", "goal_format"}
 
 _MAX_LINES = 10  # Episodes that differ of which the report has a line.
 
@@ -73,17 +77,27 @@ class AlteredError(checks.WorkFailedError):
     """A receipt that does not agree with itself."""
 
 
-def verify(path: Path, *, num_envs: int = 16, num_threads: int | None = None, verbose: bool = False) -> Verdict:
+def verify(
+    path: Path,
+    *,
+    published: Path | None = None,
+    dataset: Path | None = None,
+    num_envs: int = 16,
+    num_threads: int | None = None,
+    verbose: bool = False,
+) -> Verdict:
     """Checks a receipt against itself, and plays its episodes again.
 
     Args:
       path: of the receipt.
+      published: file of a result, as `kitchen-evaluate` writes it as JSON, which the receipt's has to be.
+      dataset: folder of the recording from which the goals of the episodes were taken, where they were taken from one.
       num_envs: number of environments that are stepped together.
       num_threads: number of threads that step them; one per processor when None.
       verbose: whether to print what was found.
 
     Raises:
-      AlteredError: what the receipt says does not agree with the rest of it.
+      AlteredError: what the receipt says does not agree with the rest of it, or with the published result.
       OSError: the file cannot be read, or is no receipt.
     """
     checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
@@ -92,8 +106,15 @@ def verify(path: Path, *, num_envs: int = 16, num_threads: int | None = None, ve
     receipt = Receipt.read(path)
     try:
         plan = checked_plan(receipt)
+        if published is not None:
+            _check_published(receipt, published)
+        if dataset is not None:
+            _check_goals(plan, dataset)
         if verbose:
-            print_line("\n".join([tables.format_heading(plan), *_circumstances(receipt)]))
+            subject = format_subject(plan, _caveats(receipt, dataset))
+            print_line("\n".join([subject, tables.format_heading(plan), *_circumstances(receipt)]))
+            if published is not None:
+                print_line(f"the published result {published} is that of the receipt")
         compared: dict[str, list[Comparison]] = {name: [] for name in plan.specs}
         with EpisodeBar(plan.num_episodes * len(plan.specs)) as bar:
             for comparison in compare(receipt, plan, num_envs, num_threads):
@@ -104,6 +125,10 @@ def verify(path: Path, *, num_envs: int = 16, num_threads: int | None = None, ve
     everything = [comparison for each in compared.values() for comparison in each]
     verdict = worst(comparison.verdict for comparison in everything)
     if verbose:
+        for name, each in compared.items():
+            replayed = sorted((one.replayed for one in each), key=lambda result: result.episode)
+            scores = score_episodes(replayed, plan.score)
+            print_line(f"\n{tables.format_scores(name, plan.specs[name].task_name, plan.num_episodes, scores)}")
         print_line(f"\n{_table(compared)}\n")
         _print_differences(everything)
         print_line(_VERDICTS[verdict])
@@ -112,7 +137,7 @@ def verify(path: Path, *, num_envs: int = 16, num_threads: int | None = None, ve
 
 def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: int | None) -> Iterator[Comparison]:
     """Plays the episodes of a receipt again, by its `checked_plan`, and yields each as it ends."""
-    plan = dataclasses.replace(plan, specs={name: _blind(spec) for name, spec in plan.specs.items()})
+    plan = dataclasses.replace(plan, specs={name: _without_pictures(spec) for name, spec in plan.specs.items()})
     for name, spec in plan.specs.items():
         results, traces = receipt.results[name], receipt.traces[name]
         waiting = collections.deque((result.episode, result.seed) for result in results)
@@ -133,8 +158,17 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
                 yield Comparison(recorded=recorded, replayed=replayed, first=first, greatest=greatest)
 
 
-def _blind(spec: EpisodeSpec) -> EpisodeSpec:
-    kwargs = {name: value for name, value in spec.task_kwargs.items() if name not in _OF_OBSERVATIONS}
+def _without_pictures(spec: EpisodeSpec) -> EpisodeSpec:
+    return _without(spec, _OF_PICTURES)
+
+
+def without_observations(spec: EpisodeSpec) -> EpisodeSpec:
+    """Returns a specification without the arguments that change what is observed, and nothing else of an episode."""
+    return _without(spec, _OF_OBSERVATIONS)
+
+
+def _without(spec: EpisodeSpec, arguments: Collection[str]) -> EpisodeSpec:
+    kwargs = {name: value for name, value in spec.task_kwargs.items() if name not in arguments}
     return dataclasses.replace(spec, task_kwargs=kwargs)
 
 
@@ -179,13 +213,38 @@ def _problem(plan: EvaluationPlan, name: str, index: int, result: EpisodeResult,
     return "has actions twice" if result.trace else ""
 
 
-def _circumstances(receipt: Receipt) -> list[str]:
-    """Returns lines on the protocol's values that were replaced, and on versions and machine if others are here."""
-    lines = [f"values replaced: {', '.join(receipt.replaced)}"] if receipt.replaced else []
+def _check_published(receipt: Receipt, path: Path) -> None:
+    """Raises a ValueError unless a file holds the receipt's result."""
+    found = files.load_json(path, "a result of kitchen-evaluate")
+    if difference := files.first_difference(found, receipt.evaluation):
+        raise ValueError(f"the published result {path} is not that of the receipt: {difference}")
+
+
+def _check_goals(plan: EvaluationPlan, dataset: Path) -> None:
+    """Raises a ValueError unless the goals of the episodes are those that their seeds take from a recording."""
+    if not plan.resets:
+        raise ValueError(f"the episodes take no goals from a dataset, such as {dataset}")
+    if json.dumps(resets_of(plan, dataset)) != json.dumps(plan.resets):
+        raise ValueError(f"the goals of the episodes are not those that their seeds take from {dataset}")
+
+
+def _caveats(receipt: Receipt, dataset: Path | None) -> list[str]:
+    """Returns what the first line says beside the protocol: what nobody has checked, and what needs no policy."""
+    lines = []
     if "goals_sha256" in receipt.evaluation:
-        lines.append("not verified, since their recording is not here: where the goals were taken from")
+        unknown = "not verified, since their recording is not here: where the goals were taken from"
+        lines.append(unknown if dataset is None else f"the goals are those of {dataset}")
+    constant, total = constant_successes(receipt.results, receipt.traces)
+    if constant:
+        lines.append(f"{constant} of {total} successful episodes repeat one action from start to end")
+    return lines
+
+
+def _circumstances(receipt: Receipt) -> list[str]:
+    """Returns lines on versions and machine, and on what is not verified."""
+    lines = [f"versions: {', '.join(f'{name} {each}' for name, each in receipt.evaluation['versions'].items())}"]
     given = {name for condition in receipt.evaluation["conditions"].values() for name in condition["task_kwargs"]}
-    if unseen := sorted(given & _OF_OBSERVATIONS):
+    if unseen := sorted(given & _OF_PICTURES):
         lines.append(f"not verified, since none of the numbers depend on it: {', '.join(unseen)}")
     here = {**installed_versions(), "processor": machine()}
     there: Mapping[str, Any] = {**receipt.evaluation["versions"], "processor": receipt.machine}

@@ -1,6 +1,7 @@
 """The Gymnasium environment of the suite's domains: spaces, seeds, states, copies, rendering."""
 
 import copy
+import inspect
 import math
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any, ClassVar, Self
@@ -76,6 +77,8 @@ class SuiteEnv(gymnasium.Env):
     goal_options: ClassVar[tuple[str, ...]] = ()
     environment_options: ClassVar[Mapping[str, Any]] = {}
 
+    _arguments: tuple[tuple[Any, ...], dict[str, Any]]
+
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """Stores the arguments, from which copies are built."""
         self = super().__new__(cls)
@@ -141,6 +144,7 @@ class SuiteEnv(gymnasium.Env):
             `extra_observables` and `variations`; docs/guide/arguments.md lists those of each domain.
         """
         record = suite.find_domain(domain or self.default_domain)
+        arguments = self._keep_contents(record, arguments)
         self._seed_stride = checked_stride(episode_seeds)
         self._next_seed = UNKNOWN
         physics = record.physics if physics is None else physics
@@ -202,6 +206,16 @@ class SuiteEnv(gymnasium.Env):
         self.composer_task.hidden_keys = self.observations.hidden
         self._bound_random: np.random.Generator | None = None
         self._episode_step = 0
+
+    def _keep_contents(self, domain: Domain, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """Returns arguments without names of files, from which copies are built then as well."""
+        found = domain.with_contents(arguments)
+        if changed := {name: found[name] for name in found if found[name] is not arguments.get(name)}:
+            args, kwargs = self._arguments
+            _, *names = inspect.signature(type(self).__init__).parameters
+            given = {**dict(zip(names, args, strict=False)), **kwargs}
+            self._arguments = (), {**given, **{name: changed[name] for name in given if name in changed}}
+        return found
 
     @classmethod
     def find_obs_type(cls, obs_type: str | None) -> str:
@@ -343,7 +357,7 @@ class SuiteEnv(gymnasium.Env):
             the suite has are ignored.
         """
         if seed is not None:
-            checks.integer(seed, "seed", minimum=0)
+            seed = checks.integer(seed, "seed", minimum=0)
         names = (STATE, VARIATION, VARIATION_VALUES, *self.composer_task.requests.options)
         chosen = checks.reset_options(options, names, elsewhere=(RESET_MASK,))
         state = chosen.get(STATE)

@@ -13,7 +13,7 @@ import dm_env
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import checks
+from kitchen_suite import checks, imports
 from kitchen_suite.names import EXTRA_PACKAGES
 from kitchen_suite.policies.registry import ADDRESS, POLICIES, Policy, PolicyBuilder, PolicyError, PolicySource
 
@@ -33,6 +33,9 @@ _OF_GYMNASIUM = re.compile(r"gym:(?P<name>[^:]+:.+)")
 # The address of a server with another scheme, or without one: a name with a port.
 _OTHER_ADDRESS = re.compile(r"(?P<scheme>https?://)?(?P<host>[\w.-]+(?::\d+)?)(?P<path>/\S*)?")
 
+# Name and password in an address, which recordings and results do not keep.
+_CREDENTIALS = re.compile(r"(?<=://)[^\s/@'\"]*@")
+
 # Beginning of the names of policies that are objects, of which recordings and results say no more.
 _OBJECT = "object "
 
@@ -45,7 +48,7 @@ class PolicyRef:
     """A policy that has been named, but not yet built.
 
     Attributes:
-      text: its name, as recordings and results have it.
+      text: its name, as recordings and results have it: without the password of an address.
       key: a key of `POLICIES`; for all others `module:callable`, or the empty string for an object.
       options: of the name, such as those of `expert(speed=0.8)`.
       function: the policy itself, where an object was given in place of a name.
@@ -108,6 +111,7 @@ class PolicyRef:
         key, options = _key_and_options(text)
         if ":" in key:
             return cls(text=text, key=key)
+        text = _CREDENTIALS.sub("", text)
         try:
             source = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
         except ValueError as error:
@@ -181,7 +185,7 @@ class PolicyRef:
             return self.function
         if not self.key:
             raise ValueError(f"policy {checks.shown(self.text)} was an object of a program, which no name leads to")
-        imported = checks.imported(self.key, "policy")
+        imported = imports.named(self.key, "policy")
         if not callable(imported):
             raise ValueError(f"policy {checks.shown(self.text)} cannot be called: it is {checks.shown(imported)}")
         return imported
@@ -219,7 +223,7 @@ def _well_formed(text: str) -> str:
             return rest
         return f"its options as in a call, {key}({rest})" if POLICIES[key].takes_options else key
     if text.endswith(".py"):
-        checks.imported(text, "policy")  # Raises the error of a file in place of a module.
+        imports.check_no_file(text, "policy")
     address = _OTHER_ADDRESS.fullmatch(text)
     if address and (address["scheme"] or re.search(r":\d", text)):
         scheme = "wss" if address["scheme"] == "https://" else "ws"

@@ -96,8 +96,10 @@ class ZeroSource(PolicySource):
     """Policies of zero actions."""
 
     def __call__(self, environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
-        shape = environment.action_spec().shape
-        return lambda timestep: np.zeros(shape)
+        zeros = np.zeros(environment.action_spec().shape)
+        # Some control modes have no such action, such as poses, whose quaternion cannot be 0.
+        environment.task.checked_action(zeros)
+        return lambda timestep: zeros.copy()
 
 
 class ExpertSource(PolicySource):

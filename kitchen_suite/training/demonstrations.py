@@ -110,7 +110,7 @@ def load_recording(
         task = single.composer_task
         robot = single.observations.robot_elements
         sees = single.observations.has_pictures
-    episodes = [recording.load(index).arrays for index in indices]
+        episodes = [recording.load_fitting(index, environment).arrays for index in indices]
     taught = _taught(episodes, folder)
     chosen = np.concatenate(taught)
     observations = [unflatten(arrays, "observation") for arrays in episodes]
@@ -184,7 +184,8 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
         raise ValueError(f"{folder} holds no episodes yet")
     if recording.spec.origin is not None:
         raise ValueError(f"{folder} was made by kitchen-convert: behaviour cloning (bc) learns from it")
-    episodes = [recording.load(index).arrays for index in recording.indices]
+    with recording.spec.make_environment() as environment:
+        episodes = [recording.load_fitting(index, environment).arrays for index in recording.indices]
     with spec.make_environment() as environment:
         flatten = suite_env(environment).composer_task.policy_inputs.flatten
     taught = np.concatenate(_taught(episodes, folder))

@@ -759,6 +759,7 @@ def _training_kwargs(spec: EnvironmentSpec, changes: Mapping[str, Any], *, clone
     own = {} if clones else find_recipe(spec.domain_name).options
     given = {*spec.task_kwargs, *suite.task_arguments(spec.domain_name, spec.task_name)}
     defaults = {option: value for option, value in own.items() if option not in given}
+    changes = suite.find_domain(spec.domain_name).with_contents(changes)
     arguments: dict[str, Any] = json.loads(json.dumps({**defaults, **changes}))
     options = (*spec.env_class.goal_options, *suite.find_domain(spec.domain_name).control_options)
     if shared := sorted({*OBSERVATION_OPTIONS, *options} & arguments.keys()):
@@ -772,6 +773,7 @@ def _load_initial_policy(path: Path, spec: EnvironmentSpec) -> TrainedPolicy:
     domain, task, arguments = (policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs"))
     if domain != spec.domain_name:
         raise ValueError(f"{path} is a policy of the domain {domain}, not of {spec.domain_name}")
+    suite.check_named(domain, arguments)
     trained = EnvironmentSpec.make(domain, task, arguments)
     check_same(path, trained, spec, (*OBSERVATION_OPTIONS, *suite.find_domain(domain).control_options))
     return policy

@@ -111,6 +111,8 @@ class BatchEpisodes:
         self.steps = np.zeros(count, np.int64)
         self.has_moved = np.full(count, True)
         self._draws = np.zeros((count, self._mdp.noise_draws))
+        self._numbers = np.zeros_like(self._draws)
+        self._numbers_of_each = [*self._numbers]
 
     def seed(self, seeds: Mapping[int, int]) -> None:
         """Starts random streams anew, by index of the episode."""
@@ -245,15 +247,23 @@ class BatchEpisodes:
         if not self._mdp.action_mode.draws:
             return MEDIAN
         draws = np.full(stepping.shape, MEDIAN)
-        for i in stepping.nonzero()[0].tolist():
-            draws[i] = self.streams[i].random_state.random_sample()
+        streams = self.streams
+        indices = stepping.nonzero()[0]
+        draws[indices] = [streams[i].random_state.random_sample() for i in indices.tolist()]
         return draws
 
     def _draw_noise(self, stepping: NDArray[np.bool_]) -> None:
-        """Draws the numbers of the observation noise where `stepping`."""
-        if self._draws.size:
-            for i in stepping.nonzero()[0].tolist():
-                self._draws[i] = self._mdp.draw_noise(self.streams[i].random_state)
+        """Draws the numbers of the observation noise where `stepping`.
+
+        They are those of `MDP.draw_noise`, to the bit, which would take three times as long.
+        """
+        if not self._draws.size:
+            return
+        streams = self.streams
+        rows = self._numbers_of_each
+        for i in stepping.nonzero()[0].tolist():
+            streams[i].generator.random(out=rows[i])
+        np.copyto(self._draws, 2.0 * self._numbers - 1.0, where=stepping[:, np.newaxis])
 
     def _draw_noise_of_observations(self, state: EpisodeState, stepping: NDArray[np.bool_]) -> None:
         """Draws the noise of the extra observations in a state where `stepping`."""

@@ -113,11 +113,19 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         count = self.num_envs
         progress, (selected, completed) = state.progress, self._remembered
         lists: dict[str, Sequence[Any]] = {
-            TO_COMPLETE: [[*selected(row.tobytes())] for row in progress.remaining],
-            STEP_COMPLETIONS: [[*selected(row.tobytes())] for row in progress.completions],
-            EPISODE_COMPLETIONS: [[*completed(row.tobytes())] for row in progress.completion_steps],
+            TO_COMPLETE: [*map(list, map(selected, rows_as_bytes(progress.remaining)))],
+            STEP_COMPLETIONS: [*map(list, map(selected, rows_as_bytes(progress.completions)))],
+            EPISODE_COMPLETIONS: [*map(list, map(completed, rows_as_bytes(progress.completion_steps)))],
             **({VARIATION_SPLIT: (env.variation_split,) * count} if env.varies else {}),
         }
         if self._mdp.ordering.draw:
             lists[REQUESTED] = [self._task.requests.tasks_in(order) for order in state.requested_order]
         return {key: np.fromiter(names, object, count) for key, names in lists.items()}
+
+
+def rows_as_bytes(array: NDArray) -> list[bytes]:
+    """Returns the bytes of each row of an array `(n, k)`."""
+    contiguous = np.ascontiguousarray(array)
+    row = np.dtype((np.void, contiguous.itemsize * contiguous.shape[1]))
+    rows: list[bytes] = contiguous.view(row)[:, 0].tolist()
+    return rows

@@ -71,7 +71,7 @@ class HandPanel:
             gui.add_markdown(_HELP)
 
     async def _click(self, event: Any) -> None:
-        if self._page.accepts(event) and event.target.value in MOVES:
+        if self._page.accepts(event):
             self._page.commands.put(functools.partial(self._nudge, event.target.value))
 
     def _open_or_close(self) -> None:
@@ -80,7 +80,7 @@ class HandPanel:
 
     def _nudge(self, label: str) -> None:
         _, offset, turn = MOVES[label]
-        length, angle = NUDGES.get(self._size.value, (0.0, 0.0))
+        length, angle = NUDGES[self._size.value]
         self._person().arm.nudge(length * np.array(offset), math.radians(angle) * np.array(turn))
 
 

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.episodes.report import print_line
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.names import EXTRA_PACKAGES
 from kitchen_suite.viewer.hand import HandPanel
 from kitchen_suite.viewer.live_page import LivePage
-from kitchen_suite.viewer.servers import local_server
+from kitchen_suite.viewer.servers import address_of, local_server, new_token
 from kitchen_suite.viewer.stage import Stage
 
 _CAMERA = "overview"  # Through which a person looks at first.
@@ -27,10 +28,17 @@ class InterventionWrapper(gymnasium.Wrapper):
     A command in the page takes over: `step` then makes the person's actions in place of those that it is given, in real
     time, until *Hand back*. Infos have, as gym-hil's: `is_intervention`, whether the person acted, and `teleop_action`,
     the action that was made.
+
+    Attributes:
+      address: of the page.
     """
 
-    def __init__(self, env: gymnasium.Env, port: int = 8080) -> None:
-        """Serves the page at a port of this machine; raises an ImportError without the extra `experts`."""
+    def __init__(self, env: gymnasium.Env, port: int = 8080, *, token: bool = True) -> None:
+        """Serves the page at a port of this machine, and prints its address.
+
+        With a `token`, which the address has, other users of the machine are refused. Raises an ImportError without the
+        extra `experts`.
+        """
         checks.installed(EXTRA_PACKAGES["experts"], "InterventionWrapper", "experts")
         from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 
@@ -39,11 +47,15 @@ class InterventionWrapper(gymnasium.Wrapper):
         self._closing = contextlib.ExitStack()
         self._given: NDArray[np.float32] = np.zeros(0, np.float32)
         self._policy = TeleoperatedPolicy(self._inner.composer_task, lambda timestep: self._given)
-        self._page = LivePage(self._closing.enter_context(local_server(port, "kitchen-suite")), exclusive=True)
+        secret = new_token() if checks.boolean(token, "token") else ""
+        server = self._closing.enter_context(local_server(port, "kitchen-suite", secret))
+        self.address = address_of(port, secret)
+        self._page = LivePage(server, exclusive=True)
         HandPanel(self._page, lambda: self._policy)
         self._stage: Stage | None = None
         self._timestep: dm_env.TimeStep | None = None
         self._due = 0.0
+        print_line(self.address)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         result = super().reset(seed=seed, options=options)

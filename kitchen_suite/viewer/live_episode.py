@@ -11,6 +11,7 @@ from kitchen_suite.episodes.play import SingleRollout
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyBuilder, PolicyRef
+from kitchen_suite.viewer.untrusted import escaped
 
 DEFAULT_POLICY = "random"  # That acts where none is chosen.
 
@@ -104,10 +105,10 @@ class LiveEpisode:
     def report(self, more: Mapping[str, str] = MappingProxyType({})) -> str:
         """Returns the progress of the episode as Markdown: its requested tasks, reward and metrics, and more rows."""
         task = self._environment.task
-        lines = [f"**{task.instruction}**", ""] if task.instruction else []
+        lines = [f"**{escaped(task.instruction)}**", ""] if task.instruction else []
         numbers = self._numbers()
         if completions := task.episode_completions:
-            steps = {name.replace("_", " "): step for name, step in completions.steps_by_task.items()}
+            steps = {escaped(name.replace("_", " ")): step for name, step in completions.steps_by_task.items()}
             done = {name: step * self.timestep for name, step in steps.items() if step is not None}
             lines += [
                 f"- **{name}**: completed after {done[name]:.1f} s" if name in done else f"- {name}" for name in steps
@@ -127,7 +128,9 @@ class LiveEpisode:
         }
         for name, value in self._environment.task.episode_metrics.items():
             if not isinstance(value, dict):
-                numbers[name.replace("_", " ")] = ("no", "yes")[value] if isinstance(value, bool) else f"{value:.3f}"
+                numbers[escaped(name.replace("_", " "))] = (
+                    ("no", "yes")[value] if isinstance(value, bool) else f"{value:.3f}"
+                )
         return numbers
 
     def close(self) -> None:

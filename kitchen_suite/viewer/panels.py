@@ -63,13 +63,12 @@ class EpisodePanel:
     @property
     def speed(self) -> float:
         """Simulated time in proportion to real time."""
-        # A browser can send anything.
-        return float(self._speed.value.removesuffix("x")) if self._speed.value in SPEEDS else 1.0
+        return float(self._speed.value.removesuffix("x"))
 
     @property
     def seed(self) -> int:
         """Seed of the next reset."""
-        return max(int(self._seed.value), 0)
+        return int(self._seed.value)
 
     @seed.setter
     def seed(self, value: int) -> None:
@@ -138,10 +137,9 @@ class TaskPanel:
 
     def _offer_tasks(self) -> None:
         """Offers the tasks of the domain that has been chosen, and chooses its default task."""
-        if self._domain.value in suite.TASKS_BY_DOMAIN:
-            self._task.options = tuple(suite.TASKS_BY_DOMAIN[self._domain.value])
-            self._task.value = suite.default_task(self._domain.value)
-            self._offer_policies()
+        self._task.options = tuple(suite.TASKS_BY_DOMAIN[self._domain.value])
+        self._task.value = suite.default_task(self._domain.value)
+        self._offer_policies()
 
     def _offer_policies(self) -> None:
         """Offers the policies that can act in the chosen task, and the one that was given with it."""

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import logging
+import secrets
 import socket
 import urllib.parse
 import warnings
@@ -15,6 +16,8 @@ from kitchen_suite import checks
 checks.installed(("mjviser", "viser"), "kitchen_suite.viewer", "web")
 
 import viser  # noqa: E402
+
+from kitchen_suite.viewer import untrusted  # noqa: E402
 
 HOST = "127.0.0.1"
 
@@ -29,19 +32,33 @@ class _LocalServer(viser.ViserServer):
         """Does nothing: viser would send all that the page shows to a server of its makers, which anybody can open."""
 
 
+def new_token() -> str:
+    """Returns a random token, which another user of the machine cannot guess."""
+    return secrets.token_hex(16)
+
+
+def address_of(port: int, token: str = "") -> str:
+    """Returns the address of the page of a server, which has the token of its connections, if there is one."""
+    page = f"http://{HOST}:{port}"
+    # viser's page connects to the address that this argument names.
+    return f"{page}/?websocket=ws://{HOST}:{port}/{token}" if token else page
+
+
 @contextlib.contextmanager
-def local_server(port: int, label: str) -> Iterator[viser.ViserServer]:
+def local_server(port: int, label: str, token: str = "") -> Iterator[viser.ViserServer]:
     """Yields a server that talks to pages of this machine alone, with a label as their title.
 
     It is bound to `HOST`. A page of another site cannot use it either: the names that a connection has as its host and
-    origin must be local, so that a foreign name that resolves to this machine is refused.
+    origin must be local, so that a foreign name that resolves to this machine is refused. With a token, only pages at
+    `address_of(port, token)` are talked to, so that other users of the machine are refused as well.
     """
     _check_port(port)
     with _running(_LocalServer, host=HOST, port=port, label=label) as server, _refusing_garbage():
         # viser takes the next free port.
         if server.get_port() != port:
             raise OSError(f"port {port} is in use: choose another one")
-        _refuse_others(server)
+        _refuse_others(server, token)
+        untrusted.refuse_other_values(server)
         server.gui.configure_theme(show_share_button=False, show_logo=False)
         yield server
 
@@ -64,8 +81,8 @@ def _running(server_class: type[viser.ViserServer], **arguments: Any) -> Iterato
             server.stop()
 
 
-def _refuse_others(server: viser.ViserServer) -> None:
-    """Ends each connection that is not of a page of this machine, before anything is sent or read.
+def _refuse_others(server: viser.ViserServer, token: str) -> None:
+    """Ends each connection that is not of a page of this machine, or lacks the token, before anything is sent or read.
 
     What viser answers without a connection is the same for everybody: the empty page, as it is in viser's package.
     """
@@ -75,7 +92,11 @@ def _refuse_others(server: viser.ViserServer) -> None:
     connections = sockets._live_connections  # noqa: SLF001
 
     async def check(client: viser.infra.WebsockClientConnection) -> None:
-        headers = connections[client.client_id].request.headers
+        request = connections[client.client_id].request
+        headers = request.headers
+        given = request.path.partition("?")[0].strip("/")
+        if token and not secrets.compare_digest(given.encode(), token.encode()):
+            raise PermissionError("the connection does not have the token of the address")
         if not is_local(headers.get_all("Host"), headers.get_all("Origin")):
             raise PermissionError("the connection is not of a page of this machine")
 

@@ -190,6 +190,10 @@ class TeleoperatedEpisode(LiveEpisode):
         self.policy.observe(self._rollout.buffer.timestep(environment))
 
 
+class SeedTakenError(ValueError):
+    """An episode of the same seed has been saved already; the message names the file of this one."""
+
+
 class Collection:
     """The folder of the episodes that a person has saved, by their seeds.
 
@@ -216,12 +220,16 @@ class Collection:
     def save(self, live: TeleoperatedEpisode) -> bool:
         """Saves an episode up to now, and returns whether its task was done.
 
-        Raises a ValueError where there is nothing to save, or an episode of its seed has been saved.
+        Raises a ValueError where there is nothing to save, and a SeedTakenError where an episode of its seed has been
+        saved: this one is then kept aside, in a file that no command reads.
         """
         episode = live.result()
-        if live.seed in self._folder.indices:
-            raise ValueError(f"an episode of seed {live.seed} has been saved already: choose another seed, and reset")
-        self._folder.append(episode)
+        try:
+            self._folder.append(episode)
+        except FileExistsError:
+            aside = self._folder.keep_aside(episode)
+            taken = f"an episode of seed {live.seed} has been saved already"
+            raise SeedTakenError(f"{taken}: this one is kept as {aside.name}") from None
         self.saved += 1
         is_done = bool(episode.metrics["success"])
         self.last = f"seed {live.seed}: the task was {'done' if is_done else 'not done'}"

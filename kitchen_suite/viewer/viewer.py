@@ -13,9 +13,10 @@ from kitchen_suite.viewer.hand import HandPanel
 from kitchen_suite.viewer.live_episode import Choice, LiveEpisode, started_episode
 from kitchen_suite.viewer.live_page import Command, LivePage
 from kitchen_suite.viewer.panels import EpisodePanel, TaskPanel
-from kitchen_suite.viewer.servers import HOST, local_server
+from kitchen_suite.viewer.servers import address_of, local_server
 from kitchen_suite.viewer.stage import CameraImage, Stage
-from kitchen_suite.viewer.teleoperation import Collection, TeleoperatedEpisode, persons_episode
+from kitchen_suite.viewer.teleoperation import Collection, SeedTakenError, TeleoperatedEpisode, persons_episode
+from kitchen_suite.viewer.untrusted import escaped
 
 _IDLE = 0.05  # Greatest time between two readings of the panel [s].
 _SHOW_EVERY = 0.04  # Least time between two control steps that are shown [s].
@@ -145,7 +146,7 @@ class Viewer:
             action()
             self._problem = ""
         except _ERRORS as error:
-            self._problem = " ".join(str(error).split())
+            self._problem = escaped(str(error))
 
     def _step(self) -> None:
         self._panel.run.value = False
@@ -248,9 +249,13 @@ class TeleoperationViewer(Viewer):
 
     def _save(self) -> None:
         assert self._collection
-        is_done = self._collection.save(self.episode)
-        title, color = ("Saved", None) if is_done else ("Saved a failed episode", "red")
-        self._page.notify(title, self._collection.last, color=color)
+        try:
+            is_done = self._collection.save(self.episode)
+        except SeedTakenError as error:
+            self._page.notify("Kept aside", str(error), color="red")
+        else:
+            title, color = ("Saved", None) if is_done else ("Saved a failed episode", "red")
+            self._page.notify(title, self._collection.last, color=color)
         self._panel.seed = self._collection.next_seed(self.episode.seed)
         self._reset()
 
@@ -274,14 +279,20 @@ class TeleoperationViewer(Viewer):
         return self.episode.report(self._collection.numbers() if self._collection else {})
 
 
-def show(episode: LiveEpisode, choice: Choice, *, camera: str, render_quality: str, port: int) -> Never:
-    """Serves a page at a port of this machine, and plays episodes there until an interrupt, from a started one on."""
+def show(
+    episode: LiveEpisode, choice: Choice, *, camera: str, render_quality: str, port: int, token: str = ""
+) -> Never:
+    """Serves a page at a port of this machine, and plays episodes there until an interrupt, from a started one on.
+
+    With a token, the page is for those who know its address.
+    """
 
     def start(other: Choice, seed: int) -> LiveEpisode:
         return started_episode(other, seed, render_quality=render_quality)
 
-    with local_server(port, "kitchen-view") as server:
-        _play(Viewer(LivePage(server, exclusive=False), episode, choice, start, camera=camera), port)
+    with local_server(port, "kitchen-view", token) as server:
+        page = LivePage(server, exclusive=False)
+        _play(Viewer(page, episode, choice, start, camera=camera), address_of(port, token))
 
 
 def teleoperate(
@@ -292,6 +303,7 @@ def teleoperate(
     camera: str,
     render_quality: str,
     port: int,
+    token: str = "",
 ) -> Never:
     """As `show`, in a page in which a person moves the hand, and saves episodes where there is a collection."""
 
@@ -302,12 +314,13 @@ def teleoperate(
         loaded.start(collection.next_seed(seed) if collection else seed)
         return loaded
 
-    with local_server(port, "kitchen-view") as server:
+    with local_server(port, "kitchen-view", token) as server:
         page = LivePage(server, exclusive=True)
-        _play(TeleoperationViewer(page, episode, choice, start, camera=camera, collection=collection), port)
+        viewer = TeleoperationViewer(page, episode, choice, start, camera=camera, collection=collection)
+        _play(viewer, address_of(port, token))
 
 
-def _play(viewer: Viewer, port: int) -> Never:
-    print_line(f"http://{HOST}:{port}  (Ctrl-C ends)")
+def _play(viewer: Viewer, address: str) -> Never:
+    print_line(f"{address}  (Ctrl-C ends)")
     while True:
         viewer.update()

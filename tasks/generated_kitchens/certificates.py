@@ -17,6 +17,10 @@ from kitchen_suite.entities.designs import SPLITS, KitchenDesign
 
 _SHIPPED = Path(__file__).parent / "certificates"
 
+# Bounds of what is read [bytes]: a certificate has some 2 KiB, and a file those of thousands of kitchens.
+_MAX_BYTES = 64 * 2**20
+_MAX_LINE = 2**16
+
 
 class Certificate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Measurements of a kitchen, and the tasks that the expert completed in it.
@@ -55,11 +59,21 @@ def read(path: Path) -> dict[int, Certificate]:
     Raises an OSError if there is anything else in the file.
     """
     with files.reading(path, "a file of certificates"):
+        files.check_size(path.stat().st_size, _MAX_BYTES)
         *lines, rest = path.read_bytes().split(b"\n")
         if not rest.startswith(b'{"design":'[: len(rest)]):
             raise ValueError("the last line is not a certificate")
-        certificates = [msgspec.json.decode(line, type=Certificate) for line in lines]
+        if any(len(line) > _MAX_LINE for line in lines):
+            raise ValueError(f"it has a line of more than {_MAX_LINE} bytes")
+        certificates = [files.parse(files.parse_json(line), Certificate, "not a certificate") for line in lines]
     return {certificate.design: certificate for certificate in certificates}
+
+
+def is_shipped(design: KitchenDesign) -> bool:
+    """Returns whether the package has a certificate of the number of a design of a split."""
+    split, _, number = design.name.partition("/")
+    path = _SHIPPED / f"{split}.jsonl"
+    return path.exists() and int(number) in _read(path, path.stat().st_mtime_ns)
 
 
 def default_path(split: str) -> Path | None:

@@ -1,6 +1,6 @@
 """The task of the kitchens domain: open, close, turn on, turn off and move parts of a generated kitchen."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.kitchen_plans import Placed
 from kitchen_suite.names import GENERATED_KITCHEN_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
-from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of
+from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of, design_digest
 from kitchen_suite.tasks.generated_kitchens.mdp import (
     GeneratedKitchenMDP,
     GeneratedKitchenState,
@@ -91,7 +91,7 @@ class GeneratedKitchenTask(SuiteTask):
         *,
         verbs: Sequence[str] = ("open",),
         tasks_per_episode: int | Sequence[int] = 1,
-        certified: bool = False,
+        certified: bool | Sequence[str] = False,
         num_slots: int = MAX_PARTS,
         reward: str = "sparse",
         robot_noise_ratio: float = 0.01,
@@ -106,7 +106,8 @@ class GeneratedKitchenTask(SuiteTask):
           verbs: keys of `VERBS`; an episode asks for parts of these.
           tasks_per_episode: number of parts that an episode asks for, or a pair of the least and greatest number.
           certified: whether episodes ask only for what the scripted expert has completed by joint velocities in `fast`
-            physics, as the kitchen's certificate says.
+            physics, as the kitchen's certificate says; or only for tasks of these names, such as
+            `open drawers_1/drawer_2`.
           num_slots: number of slots that are observed, and greatest number of parts that an episode may ask for.
             Requested parts come first, so with few slots a policy sees little of a kitchen but what it is asked for.
           reward: `sparse`, or `dense` or `dense_gain` as in the kitchen.
@@ -138,7 +139,7 @@ class GeneratedKitchenTask(SuiteTask):
         self._parts = scene.parts
         self._names = scene.part_names
         self._words = part_words(scene)
-        allowed = certificate_of(scene.design).certified if checks.boolean(certified, "certified") else None
+        allowed = _allowed(scene, certified)
         self.requests = PartRequests(scene, names, tasks_per_episode, mdp.num_slots, allowed)
         self.records = PartRecords(self)
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
@@ -199,7 +200,8 @@ class GeneratedKitchenTask(SuiteTask):
         return self.mdp.with_request(super().initial_state(draws), self.requests.order, self.requests.goal)
 
     def saved_state(self) -> dict[str, Any]:
-        return self.state.as_dict()
+        # Other kitchens may have states of the same sizes.
+        return {**self.state.as_dict(), "design": design_digest(self.scene.design)}
 
     def restore_state(self, state: Mapping[str, Any]) -> None:
         self.set_mdp_state(GeneratedKitchenState.from_dict(state, self.state.slots))
@@ -209,6 +211,14 @@ class GeneratedKitchenTask(SuiteTask):
         if self._visualize_reward and physics is not None:
             within = self.state.progress.within[: len(self._parts)]
             self._highlighting.update(within.tolist())
+
+
+def _allowed(scene: GeneratedKitchen, certified: bool | Sequence[str]) -> Collection[str] | None:
+    """Returns the tasks that episodes may ask for; None for all."""
+    if isinstance(certified, bool | np.bool_):
+        return certificate_of(scene.design).certified if certified else None
+    all_tasks = [f"{verb} {name}" for name in scene.part_names for verb in VERBS]
+    return [checks.choice(name, all_tasks, "certified task") for name in checks.unique_names(certified, "certified")]
 
 
 def part_words(scene: GeneratedKitchen) -> tuple[str, ...]:

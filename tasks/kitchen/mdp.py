@@ -167,7 +167,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             achieved=reading.achieved,
             distances=distances,
             progress=Progress.initial(distances.shape),
-            requested_order=np.broadcast_to(np.arange(distances.shape[-1]), distances.shape),
+            requested_order=np.zeros(distances.shape, np.int64) + np.arange(distances.shape[-1]),
             terms=self.no_reward(distances.shape[:-1]),
             shaping=self.start_shaping(reading),
         )

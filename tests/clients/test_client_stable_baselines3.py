@@ -478,3 +478,80 @@ def test_options_of_a_reset_are_refused_in_place_of_being_lost():
     with pytest.raises(ValueError, match="options"):
         environments.set_options({"state": None})
     environments.close()
+
+
+def small_model(**kwargs):
+    from stable_baselines3 import PPO
+
+    from kitchen_suite.adapters.stable_baselines3 import make_vec_env
+
+    environment = make_vec_env("kitchen_suite:KitchenSuite/Kettle-v1", n_envs=2, seed=0, obs_type="state", **kwargs)
+    return PPO("MlpPolicy", environment, n_steps=8, batch_size=16, n_epochs=1, seed=0, device="cpu")
+
+
+def evaluating(eval_freq=4, **kwargs):
+    from kitchen_suite.adapters.stable_baselines3 import EvaluationCallback
+
+    arguments = {"task_name": "kettle", "task_kwargs": {"obs_type": "state"}, "num_episodes": 2, "max_episode_steps": 3}
+    return EvaluationCallback(eval_freq, **{**arguments, **kwargs})
+
+
+def test_a_model_is_evaluated_while_it_is_trained(tmp_path):
+    from stable_baselines3 import PPO
+
+    import kitchen_suite
+
+    model = small_model()
+    callback = evaluating(best_model_save_path=tmp_path / "models")
+    model.learn(32, callback=callback)
+    # Two environments make two timesteps in each of the calls, of which every fourth evaluates.
+    assert [*callback.evaluations] == [8, 16, 24, 32]
+    assert callback.best_success == 0.0
+    assert (tmp_path / "models" / "best_model.zip").is_file()
+    last = callback.evaluations[32]
+    assert [result.seed for result in last.results["kettle"]] == [300_000_000, 300_000_001]
+    comparison = kitchen_suite.compare(last, callback.evaluations[8])
+    assert (comparison.ties, comparison.p_value) == (2, 1.0)
+
+    # The model of the first evaluation is the best one, since no later one succeeds more often.
+    best = PPO.load(tmp_path / "models" / "best_model")
+    arguments = {"task_name": "kettle", "task_kwargs": {"obs_type": "state"}, "num_episodes": 2, "max_episode_steps": 3}
+    again = kitchen_suite.evaluate(
+        lambda observation: best.predict(observation, deterministic=True)[0],
+        takes="observation",
+        seed=300_000_000,
+        **arguments,
+    )
+    assert again.results == callback.evaluations[8].results
+
+
+def test_evaluations_are_normalised_as_training_is():
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    environment = VecNormalize(small_model().get_env())
+    model = PPO("MlpPolicy", environment, n_steps=8, batch_size=16, n_epochs=1, seed=0, device="cpu")
+    seen = []
+    normalize = environment.normalize_obs
+    environment.normalize_obs = lambda observations: seen.append(observations.shape) or normalize(observations)
+    model.learn(16, callback=evaluating(num_episodes=3))
+    # Three environments of the evaluation, beside the two of training.
+    assert (3, 59) in seen
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "error", "shown"),
+    [
+        ({"task_kwargs": {}}, ValueError, "task_kwargs"),
+        ({"task_kwargs": {"obs_type": "state", "control_mode": "ee_delta_pose"}}, ValueError, "shape (9,), not (7,)"),
+        ({"protocol": "d4rls"}, ValueError, "d4rl"),
+        ({"num_episode": 3}, TypeError, "num_episodes"),
+        ({"receipt": "a.npz"}, TypeError, "receipt"),
+        ({"eval_freq": 0}, ValueError, "eval_freq"),
+    ],
+    ids=str,
+)
+def test_evaluations_that_cannot_be_made_are_refused_before_training(kwargs, error, shown):
+    model = small_model()
+    with refused(error, shown):
+        evaluating(**kwargs).init_callback(model)

@@ -81,39 +81,12 @@ def test_the_ratio_of_bare_mujoco_to_itself_is_one(measured):
     assert results["results"]["bare mj_step"]["ratio"] == 1.0
 
 
-def test_scaling_has_a_row_for_every_number_of_environments_and_threads():
-    flags = ("--domain_name=open_cabinet", "--measure=scaling", "--num_envs=1,3", "--num_steps=30")
-    # No GL library is loaded.
-    done = run("benchmarks.py", *flags, "--json", MUJOCO_GL="nonsense")
-    assert (done.returncode, done.stderr) == (0, "")
-    output = json.loads(done.stdout)
-    assert {"python", "mujoco", "dm-control", "numpy"} <= output["versions"].keys()
-    program, script, *given = output["command"].split()
-    assert (program, script, sorted(given)) == ("python", "docs/experiments/benchmarks.py", sorted(flags))
-    rows = output["results"]
-    assert [(row["num_envs"], row["num_threads"]) for row in rows] == [(1, 1), (1, 2), (3, 1), (3, 2)]
-    assert all(row["steps_per_second"] > 0 for row in rows)
-    # A further environment takes some memory, but no second model.
-    (memory,) = [row["memory"] for row in rows if row["memory"] is not None]
-    assert -5 < memory < 20
-
-
 def test_a_soak_samples_the_memory_along_the_run(benchmarks):
     results = benchmarks.soak(benchmarks.DOMAINS["open_cabinet"], num_envs=2, num_steps=400)
     assert results["num_steps"][0] == 0
     assert results["num_steps"][-1] == 400
     assert len(results["memory"]) == len(results["num_steps"])
     assert min(results["memory"]) > 10
-
-
-def test_pages_and_terminals_get_the_same_numbers(tables):
-    row = {"vector_env": "vectorised", "num_envs": 2, "num_threads": 1, "steps_per_second": 1234.4, "memory": 0.5}
-    results = {"measure": "scaling", "command": "benchmarks.py", "versions": {"mujoco": "3"}, "results": [row]}
-    for text in (tables.plain(results), tables.markdown(results)):
-        assert "vectorised, 2" in text
-        assert "1234" in text
-        assert "0.50" in text
-        assert "mujoco 3" in text
 
 
 @pytest.mark.parametrize(

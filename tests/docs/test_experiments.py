@@ -479,3 +479,46 @@ def test_the_kettle_is_recorded_around_a_burner_and_never_on_it(kitchen_policy):
 def test_other_arguments_print_the_usage_of_the_kitchens_policy(kitchen_policy, capsys):
     assert kitchen_policy.main(["runs", "train"]) == 2
     assert "docs/experiments/kitchen_policy.py kitchen FOLDER record" in capsys.readouterr().err
+
+
+@pytest.fixture
+def comparison():
+    return load_script("experiments/comparison")
+
+
+def test_the_measured_intervals_contain_the_truth_and_pairs_save_episodes(comparison):
+    rows = {row["construction"]: row for row in comparison.read_rows(comparison.MEASURED)}
+    for name in comparison.CONSTRUCTIONS:
+        assert rows[name]["difference"] == pytest.approx(0.05)
+        assert rows[name]["comparisons"] >= 2_000
+        assert rows[name]["paired_episodes"] <= rows[name]["unpaired_episodes"]
+    hard = rows["hard episodes"]
+    assert 0.93 <= hard["paired_coverage"] <= 0.97
+    assert hard["paired_width"] < hard["unpaired_width"]
+
+
+def test_the_pool_has_episodes_that_the_expert_alone_solves(comparison):
+    assert comparison.successes("expert").all()
+    assert not comparison.successes("random").any()
+    assert comparison.successes("expert").size >= 1_000
+
+
+@pytest.mark.parametrize("name", ["independent coins", "hard episodes", "nested failures"])
+def test_mixtures_succeed_as_often_as_they_are_built_to(comparison, name):
+    mixtures = comparison.Mixtures(comparison.CONSTRUCTIONS[name])
+    a, b, apart = mixtures.draw(50, np.random.default_rng(5))
+    # 100,000 draws have a standard error of 0.0007 to 0.001.
+    assert a.mean() == pytest.approx(0.95, abs=0.005)
+    assert b.mean() == pytest.approx(0.90, abs=0.005)
+    assert apart.mean() == pytest.approx(0.90, abs=0.005)
+    together = np.corrcoef(a.ravel(), b.ravel())[0, 1]
+    assert (together > 0.1) == (name != "independent coins")
+    assert abs(np.corrcoef(a.ravel(), apart.ravel())[0, 1]) < 0.02
+
+
+def test_the_interval_without_pairs_is_newcombes(comparison):
+    # R. Newcombe, Statistics in Medicine 17 (1998) 873-890, table II (a), method 10: 56 of 70 against 48 of 80; also by
+    # statsmodels, confint_proportions_2indep(56, 70, 48, 80, method="newcomb", compare="diff").
+    assert comparison.unpaired_interval(56, 48, 70, 80) == pytest.approx((0.0524, 0.3339), abs=5e-5)
+    low, high = comparison.unpaired_interval(56, 48, 70)
+    assert comparison.unpaired_interval(48, 56, 70) == pytest.approx((-high, -low))

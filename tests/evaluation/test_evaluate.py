@@ -37,7 +37,8 @@ def test_the_scores_are_printed_and_written(run, tmp_path):
     status, out, err = run("--json=a.json")
     assert (status, err) == (0, "")
     heading = "kitchen, policy random, protocol default, variations start (seen): 5 episodes, seeds from 400000000"
-    assert out.startswith(f"{heading}\n\nrandom_4 ")
+    assert out.startswith(f"{heading}\nvalues replaced: num_episodes 5, not 200; ")
+    assert out.partition("\n\n")[2].startswith("random_4 ")
     for label in ("p1", "p4", "mean tasks", "success", "control steps", "order entropy [bit]", "where asked"):
         assert label in out
     assert "p5" not in out

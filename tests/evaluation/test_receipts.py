@@ -65,7 +65,11 @@ def test_a_receipt_is_confirmed_without_the_policy(run, flags):
         status, out, err = run(replay, "a.npz", *numbers)
         assert (status, err) == (0, "")
         assert out.endswith("the receipt holds: all numbers are equal to the bit, and all scores follow from them\n")
-    assert "values replaced: num_episodes, max_episode_steps" in out
+    first, *lines = out.splitlines()
+    assert "; values replaced: num_episodes 3, not " in first
+    assert "; max_episode_steps 12, not " in first
+    assert any(line.startswith("versions: ") and "mujoco " in line for line in lines)
+    assert sum("95 % interval" in line for line in lines) >= len(receipt.results)
 
 
 def test_the_policy_may_be_gone(run, tmp_path):
@@ -101,10 +105,14 @@ def test_a_receipt_holds_the_goals_that_were_taken_from_a_recording(run, tmp_pat
     status, _, err = run(evaluate, *SMALL, *flags, "--dataset=runs1", "--resume")
     assert status == 2
     assert "goals_sha256" in err
+    status, out, _ = run(replay, "a.npz", "--dataset=runs0")
+    assert (status, "the goals are those of runs0" in out.splitlines()[0]) == (0, True)
     shutil.rmtree("runs0")
     status, out, _ = run(replay, "a.npz")
     assert status == 0
-    assert "not verified, since their recording is not here: where the goals were taken from" in out
+    assert "not verified, since their recording is not here: where the goals were taken from" in out.splitlines()[0]
+    status, _, err = run(replay, "a.npz", "--dataset=runs1")
+    assert (status, "are not those that their seeds take from runs1" in err) == (1, True)
 
     receipt = Receipt.read(tmp_path / "a.npz")
     resets = [result.reset for result in receipt.results["goals"]]
@@ -131,7 +139,16 @@ def test_a_receipt_holds_the_goals_that_were_taken_from_a_recording(run, tmp_pat
     others[2]["requested_tasks"] = [task for task in DEFAULT_TASKS if task not in others[2]["requested_tasks"]][:1]
     forge(others)
     assert run(replay, "b.npz")[0] == 1
-    for broken in ({}, {"goal_states": [[0.0] * 30]}, {"state": {}}, {"goal_states": [[float("nan")] * 30] * 2}):
+    tasks, states = resets[0]["requested_tasks"], resets[0]["goal_states"]
+    for broken in (
+        {},
+        {"goal_states": states},
+        {"requested_tasks": tasks, "goal_states": [[0.0] * 30]},
+        {"requested_tasks": tasks, "goal_states": [[float("nan")] * 30] * 2},
+        {**resets[0], "state": {}},
+        {**resets[0], "start_state": states[-1]},
+        {**resets[0], "task_id": 1},
+    ):
         with pytest.raises(ValueError, match=r"goal|option"):
             forge([broken, *resets[1:]])
         results = {
@@ -494,7 +511,7 @@ def test_conditions_keep_their_names(run, tmp_path):
     dataclasses.replace(receipt, evaluation=evaluation, results=results, traces=traces).write(path)
     status, _, err = run(replay, "a.npz")
     assert status == 1
-    assert "are not the protocol's values" in err
+    assert "'partial' is no condition of protocol 'd4rl' with the task 'complete'" in err
 
 
 def test_an_episode_that_goes_on_is_not_played_to_its_end(run, short, tmp_path):

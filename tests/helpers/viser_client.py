@@ -26,11 +26,11 @@ CAMERA = {
 class Browser:
     """A page's copy of the panel: values of widgets by their labels, and the text."""
 
-    def __init__(self, port):
+    def __init__(self, port, token=""):
         import viser
         from websockets.sync.client import connect
 
-        address = f"ws://localhost:{port}"
+        address = f"ws://localhost:{port}/{token}"
         self._socket = connect(
             address, subprotocols=[f"viser-v{viser.__version__}"], origin=f"http://localhost:{port}", max_size=None
         )
@@ -43,8 +43,12 @@ class Browser:
 
     def set(self, label, value):
         """Sets a widget, or clicks a button."""
+        self.update(label, {"value": value})
+
+    def update(self, label, updates):
+        """Sends new values of attributes of a widget, as no page of viser's does for others than `value`."""
         self.wait(lambda: label in self.widgets)
-        self.send({"type": "GuiUpdateMessage", "uuid": self.widgets[label], "updates": {"value": value}})
+        self.send({"type": "GuiUpdateMessage", "uuid": self.widgets[label], "updates": updates})
 
     def click(self, label):
         """Clicks a button."""

@@ -12,6 +12,7 @@ import gymnasium
 import mink
 import numpy as np
 import pytest
+from helpers.episodes import limited_files, load_episode
 from helpers.errors import refused
 from helpers.viser_client import TIMEOUT, Browser
 
@@ -19,7 +20,7 @@ from kitchen_suite.commands import replay, rollout
 from kitchen_suite.episodes.episode import Episode
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.viewer.live_episode import Choice
-from kitchen_suite.viewer.teleoperation import Collection, persons_episode
+from kitchen_suite.viewer.teleoperation import Collection, SeedTakenError, persons_episode
 
 KETTLE = Choice(domain_name="kitchen", task_name="kettle", max_episode_steps=60)
 
@@ -232,6 +233,38 @@ def test_a_folder_is_for_episodes_of_one_task(tmp_path):
     assert made(policy="expert").spec.policy == "teleop(policy='expert')"
 
 
+def test_of_two_that_save_one_seed_none_overwrites_the_other(tmp_path):
+    """In one folder, as two viewers do."""
+    one, other = started(seed=5), started(seed=5)
+    first, second = (Collection(tmp_path / "mine", each.spec) for each in (one, other))
+    for episode, direction in ((one, 0.05), (other, -0.05)):
+        episode.arm.nudge([0.0, 0.0, direction])
+        play(episode, 4)
+    first.save(one)
+    with refused(SeedTakenError, "seed 5 has been saved already", "unsaved_000005_"):
+        second.save(other)
+    assert second.next_seed(5) == 6
+    recording = Recording.open(tmp_path / "mine")
+    assert recording.indices == [5]
+    np.testing.assert_array_equal(recording.load(5).arrays["action"], one.result().arrays["action"])
+    # Nothing of the other one is lost.
+    (aside,) = (tmp_path / "mine").glob("unsaved_*.npz")
+    np.testing.assert_array_equal(load_episode(aside)[1]["action"], other.result().arrays["action"])
+    assert replay.main([str(tmp_path / "mine")]) == 0
+
+
+def test_a_full_disk_loses_nothing(tmp_path):
+    episode = started(seed=5)
+    mine = Collection(tmp_path / "mine", episode.spec)
+    episode.arm.nudge([0.0, 0.0, 0.05])
+    play(episode, 4)
+    with limited_files(1024), refused(OSError):
+        mine.save(episode)
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["recording.json"]
+    mine.save(episode)
+    assert Recording.open(tmp_path / "mine").indices == [5]
+
+
 @contextlib.contextmanager
 def running(*flags):
     """A command as a process, which is killed at the end."""
@@ -263,7 +296,7 @@ def browsing_of(process, port):
 @pytest.fixture
 def viewer(port, tmp_path):
     """A viewer in which a person plays, and its folder."""
-    flags = ["--teleop", "--task_name=kettle", f"--output={tmp_path / 'mine'}", f"--port={port}"]
+    flags = ["--teleop", "--task_name=kettle", f"--output={tmp_path / 'mine'}", f"--port={port}", "--no_token"]
     with running("view", *flags) as process:
         process.stdout.readline()
         yield process
@@ -301,7 +334,7 @@ def test_the_first_control_step_comes_in_one_message(viewer, port):
 
 @pytest.mark.web
 def test_a_reset_starts_the_episode_anew(port):
-    flags = ["--teleop", "--task_name=kettle", f"--port={port}"]
+    flags = ["--teleop", "--task_name=kettle", f"--port={port}", "--no_token"]
     with running("view", *flags) as process, browsing_of(process, port) as browser:
         browser.press("Up")
         browser.wait(lambda: browser.number("control step") > 3)
@@ -362,13 +395,16 @@ def test_garbage_breaks_nothing(viewer, port):
         for position in ([np.nan] * 3, [np.inf, 0.0, 0.0], [1e300] * 3):
             good.move([float(value) for value in position])
         good.move([-0.3, 0.3, 2.2], wxyz=(0.0, 0.0, 0.0, 0.0))
-        for label, value in {"Nudge": "huge", "Speed": "light", "Camera": "moon", "Seed": -5}.items():
+        for label, value in {"Nudge": "huge", "Speed": "light", "Camera": "moon", "Seed": "x", "Run": []}.items():
             good.set(label, value)
+        good.update("Speed", {"options": ["light"], "update_cb": []})
         steps = good.number("control step")
         good.press("Up")
         good.wait(lambda: good.number("control step") > steps + 3)
         assert "Error" not in good.report()
     assert viewer.poll() is None
+    viewer.kill()
+    assert viewer.stderr.read() == ""
 
 
 def keep_moving(browser, seconds):
@@ -397,11 +433,13 @@ def test_a_person_takes_over_from_what_acts_in_an_environment(port):
     from kitchen_suite.viewer.intervention import InterventionWrapper
 
     env = InterventionWrapper(gymnasium.make("KitchenSuite/FrankaKitchen-v1", tasks_to_complete=["kettle"]), port)
+    token = env.address.rpartition("/")[2]
+    assert len(token) >= 32
     env.reset(seed=0)
     zeros = np.zeros(9, np.float32)
     *_, info = env.step(zeros)
     assert info["is_intervention"] is False
-    with contextlib.closing(Browser(port)) as browser:
+    with contextlib.closing(Browser(port, token)) as browser:
         browser.press("Up")
         wait_until(lambda: not env._page.commands.empty())
         start = time.monotonic()

@@ -158,3 +158,27 @@ def geometry(glb):
 
     (mesh,) = trimesh.load_scene(io.BytesIO(glb), file_type="glb", process=False).geometry.values()
     return mesh
+
+
+def test_a_page_shows_the_episodes_of_two_policies_in_turn(tmp_path):
+    import dataclasses
+
+    import kitchen_suite
+    from kitchen_suite.evaluation.compare import PairedComparison
+    from kitchen_suite.evaluation.side_by_side import add_to_page
+    from kitchen_suite.viewer.episode_page import EpisodePage
+
+    paths = [tmp_path / f"{name}.npz" for name in ("random", "zero")]
+    for path in paths:
+        kitchen_suite.evaluate(path.stem, num_episodes=2, max_episode_steps=2, num_envs=2, receipt=path)
+    comparison = kitchen_suite.compare(*paths)
+    (name,) = comparison.pairs
+    (one, other), same = comparison.pairs[name]
+    pairs = {name: [(dataclasses.replace(one, success=True), other), same]}
+    differing = PairedComparison(first=comparison.first, second=comparison.second, pairs=pairs)
+    with EpisodePage(tmp_path / "both.html", camera="overview").open() as watch:
+        assert add_to_page(differing, watch, 10) == 1
+    page = (tmp_path / "both.html").read_text(encoding="utf-8")
+    seed = one.seed
+    assert all(f"{each}, episode 0, seed {seed}" in page for each in ("random", "zero"))
+    assert "episode 1, seed" not in page

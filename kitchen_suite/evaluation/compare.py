@@ -1,0 +1,287 @@
+"""Compares policies that played the same episodes, pair by pair."""
+
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
+import dataclasses
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from kitchen_suite import checks
+from kitchen_suite.evaluation.evaluate import Evaluation
+from kitchen_suite.evaluation.paired import PairedVerdicts, holm, mean_difference
+from kitchen_suite.evaluation.played import PlayedEpisodes, check_pairs, read
+from kitchen_suite.evaluation.scores import EpisodeResult, Interval
+from kitchen_suite.policies import PolicyRef
+
+Source = str | Path | Evaluation
+"""A receipt, the JSON of an evaluation with its episodes, the folder of a recording, or an evaluation."""
+
+Pair = tuple[EpisodeResult, EpisodeResult]
+"""The results of two policies in the same episode."""
+
+# Probability of calling one of two equal policies better.
+_LEVEL = 0.05
+
+# Policies that can be compared at once: a pair of them has a row of its own.
+_MAX_POLICIES = 100
+
+# Decimals of differences and rates, as of all scores, and significant digits of p-values.
+_DECIMALS = 6
+_DIGITS = 6
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PairedComparison:
+    """Two policies on the same episodes.
+
+    Attributes:
+      first: the policy whose wins are counted.
+      second: the other policy.
+      pairs: the results of both in each episode, by condition.
+    """
+
+    first: PlayedEpisodes
+    second: PlayedEpisodes
+    pairs: Mapping[str, list[Pair]]
+
+    @property
+    def all_pairs(self) -> list[Pair]:
+        """The pairs of all conditions."""
+        return [pair for each in self.pairs.values() for pair in each]
+
+    @property
+    def success(self) -> PairedVerdicts:
+        """The successes of all episodes."""
+        return _verdicts(self.all_pairs, lambda result: result.success)
+
+    @property
+    def wins(self) -> int:
+        """Number of episodes in which the first policy alone succeeded."""
+        return self.success.wins
+
+    @property
+    def losses(self) -> int:
+        """Number of episodes in which the second policy alone succeeded."""
+        return self.success.losses
+
+    @property
+    def ties(self) -> int:
+        """Number of episodes in which both succeeded or both failed."""
+        return self.success.ties
+
+    @property
+    def p_value(self) -> float:
+        """The exact p-value of McNemar's test that both succeed equally often."""
+        return self.success.p_value
+
+    @property
+    def differing(self) -> list[Pair]:
+        """The pairs of which one episode succeeded and the other did not, in order."""
+        return [(one, other) for one, other in self.all_pairs if one.success != other.success]
+
+    @property
+    def scores(self) -> dict[str, dict[str, Any]]:
+        """The paired scores of all episodes by name, `success` first."""
+        return _scores(self.all_pairs)
+
+    @property
+    def task_rates(self) -> dict[str, dict[str, Any]]:
+        """How often each task was completed where it was asked, with p-values adjusted for the number of tasks."""
+        by_task: dict[str, list[Pair]] = {}
+        for one, other in self.all_pairs:
+            for name in one.asked or {}:
+                by_task.setdefault(name, []).append((one, other))
+        rates = {name: _verdicts(by_task[name], _completed(name)) for name in sorted(by_task)}
+        adjusted = holm([rate.p_value for rate in rates.values()])
+        return {
+            name: {**_verdict_row(by_task[name], _completed(name)), "p_value_holm": _significant(p_value)}
+            for name, p_value in zip(rates, adjusted, strict=True)
+        }
+
+    @property
+    def conclusion(self) -> str:
+        """A sentence on which policy succeeds more often, if the episodes show that."""
+        low, high = (f"{100.0 * abs(bound):.1f}" for bound in self.success.interval)
+        if self.p_value >= _LEVEL:
+            least, greatest = (f"{100.0 * bound:+.1f}" for bound in self.success.interval)
+            return f"no difference is shown: {least} to {greatest} percentage points are compatible with these episodes"
+        if self.wins > self.losses:
+            return f"{self.first.name} succeeds more often, by {low} to {high} percentage points"
+        return f"{self.second.name} succeeds more often, by {high} to {low} percentage points"
+
+    def as_json(self) -> dict[str, Any]:
+        """Returns all results as JSON represents them; those of success and tasks also at the top level."""
+        scores = self.scores
+        success = scores["success"]
+        row = {
+            "a": _policy(self.first),
+            "b": _policy(self.second),
+            **_circumstances(self),
+            **{name: success[name] for name in ("wins", "losses", "ties", "p_value")},
+            **{f"{name}_difference": score["difference"] for name, score in scores.items()},
+            "intervals": {f"{name}_difference": score["interval"] for name, score in scores.items()},
+            "conclusion": self.conclusion,
+            "scores": scores,
+        }
+        if tasks := self.task_rates:
+            row["task_rates"] = tasks
+        if len(self.pairs) > 1:
+            row["conditions"] = {name: _scores(each) for name, each in self.pairs.items()}
+        row["differing"] = [
+            {"condition": one.condition, "seed": one.seed, "succeeded": "a" if one.success else "b"}
+            for one, _ in self.differing
+        ]
+        return row
+
+
+def compare(a: Source, b: Source) -> PairedComparison:
+    """Compares two policies on the same episodes.
+
+    Args:
+      a: the policy whose wins are counted: a receipt, the JSON of an evaluation with its episodes, the folder of a
+        recording, or what `evaluate` returned.
+      b: the other policy.
+
+    Returns the comparison, in which a difference is the first policy's score less the second's.
+
+    Raises:
+      OSError: a file or folder cannot be read.
+      ValueError: the episodes cannot be paired; the message names all that differs.
+    """
+    (comparison,) = compare_all([a, b])
+    return comparison
+
+
+def compare_all(sources: Sequence[Source]) -> list[PairedComparison]:
+    """Compares each policy with each later one; arguments and exceptions are as in `compare`."""
+    checks.integer(len(sources), "the number of policies", minimum=2, maximum=_MAX_POLICIES)
+    played = _named([*map(read, sources)], sources)
+    # Before any statistics.
+    for other in played[1:]:
+        check_pairs(played[0], other)
+    return [
+        PairedComparison(first=first, second=second, pairs={name: _paired(first, second, name) for name in first.specs})
+        for first, second in itertools.combinations(played, 2)
+    ]
+
+
+def adjusted_p_values(comparisons: Sequence[PairedComparison]) -> list[float]:
+    """Returns the p-values of several comparisons, adjusted by Holm's method."""
+    return [_significant(value) for value in holm([comparison.p_value for comparison in comparisons])]
+
+
+def all_as_json(comparisons: Sequence[PairedComparison]) -> dict[str, Any]:
+    """Returns the comparisons of more than two policies as JSON represents them."""
+    rows = zip(comparisons, adjusted_p_values(comparisons), strict=True)
+    return {
+        **_circumstances(comparisons[0]),
+        "comparisons": [{**comparison.as_json(), "p_value_holm": p_value} for comparison, p_value in rows],
+    }
+
+
+def _named(played: Sequence[PlayedEpisodes], sources: Sequence[Source]) -> list[PlayedEpisodes]:
+    """Returns the policies with the paths for names where several have the same name."""
+    names = [each.name for each in played]
+    return [
+        dataclasses.replace(each, name=str(source))
+        if names.count(each.name) > 1 and isinstance(source, str | Path)
+        else each
+        for each, source in zip(played, sources, strict=True)
+    ]
+
+
+def _paired(first: PlayedEpisodes, second: PlayedEpisodes, condition: str) -> list[Pair]:
+    by_seed = {result.seed: result for result in second.results[condition]}
+    return [(result, by_seed[result.seed]) for result in first.results[condition]]
+
+
+def _policy(played: PlayedEpisodes) -> dict[str, Any]:
+    return {"name": played.name, "policy": PolicyRef.parse(played.policy).without_file}
+
+
+def _circumstances(comparison: PairedComparison) -> dict[str, Any]:
+    first = comparison.first
+    seeds = [result.seed for each in first.results.values() for result in each]
+    return {
+        "protocol": first.protocol,
+        "domain_name": first.first.domain_name,
+        "variations": first.first.variations,
+        "episodes": len(comparison.all_pairs),
+        "seed": min(seeds),
+        "versions": dict(first.first.versions),
+    }
+
+
+def _scores(pairs: Sequence[Pair]) -> dict[str, dict[str, Any]]:
+    """Returns the paired scores of some episodes by name: of verdicts, and of means."""
+    rows = {"success": _verdict_row(pairs, lambda result: result.success)}
+    example, _ = pairs[0]
+    if example.asked is None:
+        rows["mean_progress"] = _mean_row(pairs, lambda result: result.progress)
+    else:
+        most = max(len(one.asked or {}) for one, _ in pairs)
+        rows["mean_tasks"] = _mean_row(pairs, _tasks, greatest=float(most))
+    for name, value in example.measures.items():
+        of = _verdict_row if isinstance(value, bool) else _mean_row
+        rows[name] = of(pairs, _measure(name))
+    return rows
+
+
+def _tasks(result: EpisodeResult) -> int:
+    return sum(step is not None for step in (result.asked or {}).values())
+
+
+def _measure(name: str) -> Callable[[EpisodeResult], float]:
+    return lambda result: result.measures[name]
+
+
+def _completed(task: str) -> Callable[[EpisodeResult], bool]:
+    return lambda result: (result.asked or {})[task] is not None
+
+
+def _verdicts(pairs: Sequence[Pair], verdict: Callable[[EpisodeResult], float]) -> PairedVerdicts:
+    return PairedVerdicts.of([verdict(one) for one, _ in pairs], [verdict(other) for _, other in pairs])
+
+
+def _verdict_row(pairs: Sequence[Pair], verdict: Callable[[EpisodeResult], float]) -> dict[str, Any]:
+    counted = _verdicts(pairs, verdict)
+    return {
+        "episodes": counted.count,
+        "a": _rounded(sum(bool(verdict(one)) for one, _ in pairs) / counted.count),
+        "b": _rounded(sum(bool(verdict(other)) for _, other in pairs) / counted.count),
+        "difference": _rounded(counted.difference),
+        "interval": _rounded_interval(counted.interval),
+        "wins": counted.wins,
+        "losses": counted.losses,
+        "ties": counted.ties,
+        "p_value": _significant(counted.p_value),
+    }
+
+
+def _mean_row(
+    pairs: Sequence[Pair], value: Callable[[EpisodeResult], float], greatest: float = float("inf")
+) -> dict[str, Any]:
+    difference, interval = mean_difference([value(one) - value(other) for one, other in pairs], greatest=greatest)
+    return {
+        "episodes": len(pairs),
+        "a": _rounded(sum(value(one) for one, _ in pairs) / len(pairs)),
+        "b": _rounded(sum(value(other) for _, other in pairs) / len(pairs)),
+        "difference": _rounded(difference),
+        "interval": _rounded_interval(interval),
+    }
+
+
+def _rounded(value: float) -> float:
+    # Adding 0 makes a negative zero positive.
+    return round(float(value), _DECIMALS) + 0.0
+
+
+def _rounded_interval(interval: Interval) -> list[float] | None:
+    return None if interval is None else [_rounded(bound) for bound in interval]
+
+
+def _significant(p_value: float) -> float:
+    return float(f"{p_value:.{_DIGITS}g}")

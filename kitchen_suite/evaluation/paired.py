@@ -1,0 +1,159 @@
+"""Statistics of two policies that played the same episodes.
+
+Comparing each episode with its partner removes what makes an episode hard for both policies, such as its start, so that
+fewer episodes show the same difference than with two samples of different episodes.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import optimize, stats
+
+from kitchen_suite.evaluation.scores import CONFIDENCE, Interval
+
+# Random numbers of the bootstrap, so that the same episodes have the same interval.
+_SEED = 0
+_RESAMPLES = 9_999
+
+# Numbers that the bootstrap holds at once: 80 MB.
+_BATCH_NUMBERS = 10**7
+
+# Distance from the observed difference at which the search of a limit begins: where no episode differs, the statistic
+# of the difference 0 is undefined.
+_GAP = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PairedVerdicts:
+    """How often one of two policies reached what the other did not, in the same episodes.
+
+    Attributes:
+      wins: number of episodes in which the first policy alone succeeded.
+      losses: number of episodes in which the second policy alone succeeded.
+      ties: number of episodes in which both succeeded or both failed.
+    """
+
+    wins: int
+    losses: int
+    ties: int
+
+    @classmethod
+    def of(cls, first: ArrayLike, second: ArrayLike) -> "PairedVerdicts":
+        """Counts the verdicts `(n,)` of two policies on the same `n` episodes, at least one."""
+        one = np.asarray(first, bool)
+        other = np.asarray(second, bool)
+        if one.shape != other.shape or not one.size:
+            raise ValueError(f"verdicts of shapes {one.shape} and {other.shape} are no pairs")
+        wins = int(np.count_nonzero(one & ~other))
+        losses = int(np.count_nonzero(~one & other))
+        return cls(wins=wins, losses=losses, ties=one.size - wins - losses)
+
+    @property
+    def count(self) -> int:
+        """Number of episodes."""
+        return self.wins + self.losses + self.ties
+
+    @property
+    def difference(self) -> float:
+        """The first policy's success rate less the second's, from -1 to 1."""
+        return (self.wins - self.losses) / self.count
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the difference, see `score_interval`."""
+        return score_interval(self.wins, self.losses, self.count)
+
+    @property
+    def p_value(self) -> float:
+        """The exact p-value of McNemar's test that both policies succeed equally often; 1 without wins and losses."""
+        decided = self.wins + self.losses
+        return float(stats.binomtest(self.wins, decided).pvalue) if decided else 1.0
+
+
+def score_interval(wins: int, losses: int, count: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Returns Tango's score interval of the difference of two success rates on the same episodes.
+
+    It is to paired rates what Wilson's interval is to one rate: it stays between -1 and 1, has a width where all
+    episodes are ties, and contains 0 exactly where McNemar's asymptotic test does not reject. Source: T. Tango,
+    Equivalence test and confidence interval for the difference in proportions for the paired-sample design, Statistics
+    in Medicine 17 (1998) 891-908.
+
+    Args:
+      wins: number of episodes in which the first policy alone succeeded.
+      losses: number of episodes in which the second policy alone succeeded.
+      count: number of all episodes.
+      confidence: probability with which the interval contains the true difference.
+    """
+    quantile = float(stats.norm.ppf((1.0 + confidence) / 2.0))
+    return _lower_limit(wins, losses, count, quantile), -_lower_limit(losses, wins, count, quantile)
+
+
+def _lower_limit(wins: int, losses: int, count: int, quantile: float) -> float:
+    """Returns the difference, at most the observed one, whose score statistic is a quantile of the normal."""
+
+    def excess(difference: float) -> float:
+        """Returns the deviation of the observed difference, less as many standard deviations as the quantile."""
+        slope = (2 * count - wins + losses) * difference - wins - losses
+        constant = -losses * difference * (1.0 - difference)
+        # The likeliest probability, given this difference, that the second policy alone succeeds.
+        root = math.sqrt(max(0.0, slope**2 - 8.0 * count * constant))
+        only_second = (root - slope) / (4.0 * count)
+        variance = count * (2.0 * only_second + difference * (1.0 - difference))
+        return wins - losses - count * difference - quantile * math.sqrt(max(0.0, variance))
+
+    nearest = max(-1.0, (wins - losses) / count - _GAP)
+    return float(optimize.brentq(excess, -1.0, nearest))
+
+
+def mean_difference(differences: ArrayLike, *, greatest: float = math.inf) -> tuple[float, Interval]:
+    """Returns the mean of the differences `(n,)` of paired episodes, and its interval.
+
+    The interval is that of SciPy's bootstrap over episodes, bias-corrected and accelerated, with fixed random numbers.
+    Where all differences are equal, the bootstrap would have no width. The interval then contains every mean that is
+    possible while other differences have at most the probability that the exact binomial limit leaves them; it is None
+    where `greatest` is infinite.
+
+    Args:
+      differences: of the episodes.
+      greatest: absolute value that no difference exceeds.
+    """
+    values = np.asarray(differences, np.float64)
+    if not values.size:
+        raise ValueError("a mean difference needs at least one pair of episodes")
+    middle = float(values.mean())
+    if np.ptp(values) > 0.0:
+        return middle, _bootstrap(values)
+    if not math.isfinite(greatest):
+        return middle, None
+    unseen = 1.0 - ((1.0 - CONFIDENCE) / 2.0) ** (1.0 / values.size)
+    return middle, (middle - unseen * (middle + greatest), middle + unseen * (greatest - middle))
+
+
+def _bootstrap(values: NDArray[np.float64]) -> tuple[float, float]:
+    result = stats.bootstrap(
+        (values,),
+        np.mean,
+        confidence_level=CONFIDENCE,
+        n_resamples=_RESAMPLES,
+        batch=max(1, _BATCH_NUMBERS // values.size),
+        random_state=np.random.default_rng(_SEED),
+    )
+    interval = result.confidence_interval
+    return float(interval.low), float(interval.high)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Returns p-values adjusted for being several, by Holm's method, in their order.
+
+    Whoever rejects those below 5 % rejects any true hypothesis with a probability of at most 5 %. Source: S. Holm, A
+    simple sequentially rejective multiple test procedure, Scandinavian Journal of Statistics 6 (1979) 65-70.
+    """
+    adjusted = [1.0] * len(p_values)
+    greatest = 0.0
+    for rank, index in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
+        greatest = max(greatest, min(1.0, (len(p_values) - rank) * p_values[index]))
+        adjusted[index] = greatest
+    return adjusted

@@ -1,0 +1,383 @@
+"""`compare` and `kitchen-compare`: pairs, refusals, tables and JSON; `kitchen-evaluate --episodes`."""
+
+import contextlib
+import dataclasses
+import functools
+import json
+import re
+
+import numpy as np
+import pytest
+from helpers.errors import refused
+
+import kitchen_suite
+from kitchen_suite import EnvironmentSpec
+from kitchen_suite.commands import compare as compare_command
+from kitchen_suite.commands import evaluate as evaluate_command
+from kitchen_suite.evaluation import side_by_side
+from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, all_as_json, compare_all
+from kitchen_suite.evaluation.comparison_tables import format_comparison, format_comparisons
+from kitchen_suite.evaluation.evaluate import Evaluation
+from kitchen_suite.evaluation.plan import Replaced, make_plan
+from kitchen_suite.evaluation.scores import EpisodeResult
+from kitchen_suite.policies import PolicyRef
+
+EPISODES = 6
+SMALL = ["--num_episodes=3", "--max_episode_steps=4", "--num_envs=3"]
+TASKS = ("kettle", "microwave")
+
+
+@functools.cache
+def plan_of(policy="zero", protocol="default", **replaced):
+    values = {"num_episodes": EPISODES, **replaced}
+    values["task_kwargs"] = dict(values.get("task_kwargs", ()))
+    return make_plan(PolicyRef.parse(policy), protocol, Replaced(**values))
+
+
+def evaluated(completed=((), ("kettle",), TASKS, TASKS, TASKS, TASKS), **arguments):
+    """An evaluation without playing: of each condition as many episodes, with the tasks that each completed."""
+    plan = plan_of(**arguments)
+    results = {
+        name: [
+            EpisodeResult(
+                condition=name,
+                episode=index,
+                seed=plan.first.seed + index,
+                success=len(tasks) == len(TASKS),
+                progress=len(tasks) / len(TASKS),
+                control_steps=100,
+                asked={task: 10 if task in tasks else None for task in TASKS},
+            )
+            for index, tasks in enumerate(completed[: plan.num_episodes])
+        ]
+        for name in plan.specs
+    }
+    return Evaluation(plan=plan, results=results)
+
+
+@pytest.fixture(scope="module")
+def receipts(tmp_path_factory):
+    """Receipts of short episodes of two policies, of which one succeeds: its threshold is large. Not verified here."""
+    folder = tmp_path_factory.mktemp("receipts")
+    for name in ("random", "zero"):
+        kitchen_suite.evaluate(name, num_episodes=3, max_episode_steps=4, num_envs=3, receipt=folder / f"{name}.npz")
+    return folder
+
+
+def test_wins_losses_and_ties_are_counted_by_episode():
+    one = evaluated((TASKS, TASKS, TASKS, TASKS, ("kettle",), ()))
+    other = evaluated(((), ("kettle",), TASKS, TASKS, TASKS, ()))
+    comparison = kitchen_suite.compare(one, other)
+    assert (comparison.wins, comparison.losses, comparison.ties) == (2, 1, 3)
+    # Of three episodes that differ, all outcomes but those of 0 or 3 wins are at least as likely as two wins.
+    assert comparison.p_value == 1.0
+    record = comparison.as_json()
+    assert record["success_difference"] == pytest.approx(1 / 6, abs=1e-6)
+    assert record["mean_tasks_difference"] == pytest.approx((2 + 1 - 1) / 6, abs=1e-6)
+    low, high = record["intervals"]["success_difference"]
+    assert -1.0 <= low < 0.0 < high <= 1.0
+    assert [each["succeeded"] for each in record["differing"]] == ["a", "a", "b"]
+    assert record["task_rates"]["kettle"]["wins"] == 1
+    assert record["task_rates"]["microwave"]["losses"] == 1
+
+
+def test_a_policy_with_itself_is_all_ties(receipts):
+    path = receipts / "random.npz"
+    comparison = kitchen_suite.compare(path, path)
+    assert (comparison.wins, comparison.losses, comparison.ties, comparison.p_value) == (0, 0, 3, 1.0)
+    record = comparison.as_json()
+    assert record["differing"] == []
+    assert {row["p_value_holm"] for row in record["task_rates"].values()} == {1.0}
+    for name, (low, high) in record["intervals"].items():
+        assert low < record[name] == 0.0 < high
+
+
+def test_swapping_the_policies_mirrors_the_json():
+    one = evaluated((TASKS, TASKS, TASKS, ("kettle",), TASKS, ()))
+    other = evaluated(((), (), ("kettle",), TASKS, (), ()), policy="random")
+    first = kitchen_suite.compare(one, other).as_json()
+    second = kitchen_suite.compare(other, one).as_json()
+    assert (first["a"], first["b"]) == (second["b"], second["a"])
+    assert (first["wins"], first["losses"], first["ties"]) == (second["losses"], second["wins"], second["ties"])
+    assert first["p_value"] == second["p_value"]
+    for name, (low, high) in first["intervals"].items():
+        assert second[name] == -first[name]
+        assert second["intervals"][name] == pytest.approx([-high, -low], abs=1e-6)
+
+
+REFUSALS = {
+    "protocol": ({"protocol": "strict"}, ("protocol default", "strict", "success")),
+    "task": ({"task_name": "kettle"}, ("conditions", "random_4", "kettle")),
+    "physics": ({"task_kwargs": (("physics", "fast"),)}, ("physics 'exact', and 'fast'",)),
+    "control step": ({"task_kwargs": (("control_timestep", 0.04),)}, ("control_timestep", "0.04")),
+    "control mode": ({"task_kwargs": (("control_mode", "ee_delta_pose"),)}, ("control_mode", "ee_delta_pose")),
+    "noise": ({"task_kwargs": (("robot_noise_ratio", 0.2),)}, ("robot_noise_ratio", "0.2")),
+    "variations": ({"task_kwargs": (("variation_split", "held_out"),)}, ("variation_split 'seen', and 'held_out'",)),
+    "length": ({"max_episode_steps": 99}, ("max_episode_steps 280, and 99",)),
+    "seeds": ({"seed": 7}, ("seeds [400000000", "seeds [7, 8")),
+    "number": ({"num_episodes": 5}, ("seeds [400000005] in zero alone",)),
+    "domain": ({"domain_name": "open_cabinet"}, ("domain_name 'kitchen', and 'open_cabinet'",)),
+    "conditions": ({"protocol": "d4rl"}, ("protocol default, and d4rl", "conditions ['random_4']", "'partial'")),
+}
+
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_what_cannot_be_paired_is_refused_with_what_differs(name):
+    arguments, shown = REFUSALS[name]
+    with refused(ValueError, "cannot be compared", *shown):
+        kitchen_suite.compare(evaluated(), evaluated(**arguments))
+
+
+@pytest.mark.parametrize("package", ["mujoco", "kitchen-suite"])
+def test_other_versions_are_refused(package):
+    one = evaluated()
+    name, spec = next(iter(one.plan.specs.items()))
+    specs = {name: dataclasses.replace(spec, versions={**spec.versions, package: "0.0.1"})}
+    other = dataclasses.replace(one, plan=dataclasses.replace(one.plan, specs=specs))
+    with refused(ValueError, f"version of {package}", "'0.0.1'"):
+        kitchen_suite.compare(one, other)
+
+
+def test_episodes_that_ask_for_other_tasks_are_refused():
+    one = evaluated()
+    (name,) = one.results
+    changed = [dataclasses.replace(each, asked={"light switch": None, "kettle": None}) for each in one.results[name]]
+    with refused(ValueError, "goals of the episodes of seeds [400000000"):
+        kitchen_suite.compare(one, dataclasses.replace(one, results={name: changed}))
+
+
+def test_what_policies_observe_may_differ():
+    pixels = (("obs_type", "pixels_agent_pos"), ("image_size", (32, 32)))
+    flat = (("goal_format", "flat"),)
+    for arguments in (pixels, flat):
+        assert kitchen_suite.compare(evaluated(), evaluated(task_kwargs=arguments)).ties == EPISODES
+    assert kitchen_suite.compare(evaluated(), evaluated(task_kwargs=(("physics", "exact"),))).ties == EPISODES
+
+
+def test_conditions_are_paired_each_by_itself():
+    one = evaluated((TASKS,) * EPISODES, protocol="d4rl")
+    comparison = kitchen_suite.compare(one, evaluated(protocol="d4rl"))
+    record = comparison.as_json()
+    assert [*record["conditions"]] == ["complete", "partial", "mixed"]
+    assert record["wins"] == 3 * record["conditions"]["mixed"]["success"]["wins"] == 3 * 2
+    assert "success by condition" in format_comparison(comparison)
+
+
+def test_several_policies_are_compared_in_all_pairs_with_holm():
+    best = evaluated((TASKS,) * EPISODES)
+    comparisons = compare_all([best, evaluated(((),) * EPISODES), evaluated(((),) * EPISODES)])
+    assert [each.p_value for each in comparisons] == pytest.approx([2 / 2**6, 2 / 2**6, 1.0])
+    # By hand: 1/32 x 3, 1/32 x 2 but not less than the one before, and 1.
+    assert adjusted_p_values(comparisons) == pytest.approx([3 / 32, 3 / 32, 1.0])
+    record = all_as_json(comparisons)
+    assert [each["p_value_holm"] for each in record["comparisons"]] == adjusted_p_values(comparisons)
+    assert "p (Holm)" in format_comparisons(comparisons)
+
+
+@pytest.mark.parametrize("sources", [[], [0]])
+def test_one_policy_alone_is_refused(sources):
+    with refused(ValueError, "number of policies", "at least 2"):
+        compare_all([evaluated() for _ in sources])
+
+
+def numbers_in(value):
+    """All numbers of decoded JSON, as tables may show them."""
+    if isinstance(value, dict):
+        value = [*value.values()]
+    if isinstance(value, list):
+        return {text for each in value for text in numbers_in(each)}
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return {*re.findall(r"\d+(?:\.\d+)?", str(value))}
+    shown = {f"{abs(value):.4g}", f"{abs(100 * value):.1f}", f"{value:.2f}", f"{value:.2g}", str(value)}
+    return {number for text in shown for number in re.findall(r"\d+(?:\.\d+)?", text)}
+
+
+@pytest.mark.parametrize("table_format", ["text", "markdown", "latex"])
+@pytest.mark.parametrize("count", [2, 3])
+def test_everything_printed_is_in_the_json(count, table_format):
+    one = evaluated((TASKS, TASKS, TASKS, ("kettle",), TASKS, ()))
+    other = evaluated(((), (), ("kettle",), TASKS, (), ()), policy="random")
+    comparisons = compare_all([one, other, evaluated()][:count])
+    if count == 2:
+        text, record = format_comparison(comparisons[0], table_format), comparisons[0].as_json()
+    else:
+        text, record = format_comparisons(comparisons, table_format), all_as_json(comparisons)
+    # The level of the intervals, that of p-values, and the number of pairs.
+    known = numbers_in(record) | {"95", "0.05", str(len(comparisons))}
+    assert {*re.findall(r"\d+(?:\.\d+)?", text)} <= known
+
+
+def test_latex_has_tables_and_comments_alone():
+    text = format_comparison(kitchen_suite.compare(evaluated(), evaluated()), "latex")
+    outside = re.sub(r"\\begin\{tabular\}.*?\\end\{tabular\}", "", text, flags=re.DOTALL)
+    assert text.count(r"\begin{tabular}") == 2
+    assert all(line.startswith("%") for line in outside.splitlines() if line)
+    assert not re.search(r"(?<!\\)%", text[text.index(r"\begin") : text.index(r"\end")])
+
+
+def test_the_command_prints_and_writes(run, receipts, tmp_path):
+    path = tmp_path / "both.json"
+    names = [str(receipts / f"{name}.npz") for name in ("random", "zero")]
+    status, out, err = run(compare_command, *names, f"--json={path}")
+    assert (status, err) == (0, "")
+    assert out.startswith("kitchen, protocol default, variations start (seen): 3 episodes in pairs, seeds from 4")
+    record = json.loads(path.read_text("utf-8"))
+    assert record == kitchen_suite.compare(*names).as_json()
+    differences = {"success_difference", "mean_tasks_difference"}
+    assert {"wins", "losses", "ties", "p_value", "intervals", *differences} <= record.keys()
+    assert record["intervals"].keys() == differences
+    status, out, _ = run(compare_command, *names, names[0], "--format=markdown", f"--json={path}")
+    assert status == 0
+    assert re.search(r"\| +p \(Holm\) \|", out)
+    assert len(json.loads(path.read_text("utf-8"))["comparisons"]) == 3
+
+
+def test_what_cannot_be_paired_ends_with_status_2(run, receipts, folder):
+    assert run(evaluate_command, *SMALL, "--seed=5", "--receipt=other.npz")[0] == 0
+    status, out, err = run(compare_command, "other.npz", str(receipts / "zero.npz"))
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "seeds [5, 6, 7] in other alone" in err
+
+
+def test_rows_of_episodes_can_be_paired(run, folder):
+    """The remedies of the messages about files without episodes, and about folders of evaluations, are followed."""
+    status, out, _ = run(evaluate_command, *SMALL, "--episodes", "--json=rows.json", "--receipt=a.npz")
+    assert status == 0
+    rows = json.loads((folder / "rows.json").read_text("utf-8"))["episodes"]["random_4"]
+    assert [row["seed"] for row in rows] == [400000000, 400000001, 400000002]
+    assert len(re.findall(r"^random_4 +4000000\d\d +no ", out, flags=re.MULTILINE)) == 3
+    assert run(compare_command, "rows.json", "a.npz")[0] == 0
+    flags = [*SMALL, "--output=evaluation", "--json=scores.json"]
+    assert run(evaluate_command, *flags)[0] == 0
+    status, _, err = run(compare_command, "scores.json", "a.npz")
+    assert (status, "--episodes" in err) == (2, True)
+    status, _, err = run(compare_command, "evaluation", "a.npz")
+    assert status == 2
+    (remedy,) = re.findall(r"--output=evaluation --resume --episodes --json=\w+", err)
+    assert run(evaluate_command, *SMALL, *remedy.replace("FILE", "again.json").split())[0] == 0
+    assert run(compare_command, "again.json", "rows.json")[0] == 0
+
+
+def test_recordings_are_paired_by_seed(folder):
+    spec = EnvironmentSpec.make("kitchen", "kettle", {}, max_episode_steps=3)
+    for name, policy, seed in (("a", "random", 4), ("b", "zero", 4), ("c", "zero", 5)):
+        kitchen_suite.record(name, spec, policy, num_episodes=2, seed=seed)
+    comparison = kitchen_suite.compare("a", "b")
+    assert (comparison.ties, comparison.first.name, comparison.as_json()["protocol"]) == (2, "a", None)
+    assert [one.seed for one, _ in comparison.all_pairs] == [4, 5]
+    with refused(ValueError, "seeds [4] in a alone", "seeds [6] in c alone"):
+        kitchen_suite.compare("a", "c")
+
+
+def test_a_recording_and_an_evaluation_are_no_pair(receipts, folder):
+    spec = EnvironmentSpec.make("kitchen", "random_4", {}, max_episode_steps=3)
+    kitchen_suite.record("a", spec, "random", num_episodes=1)
+    with refused(ValueError, "protocol default, and a recording, without a protocol"):
+        kitchen_suite.compare(receipts / "zero.npz", "a")
+
+
+def test_cabinets_are_compared_by_progress(folder):
+    for name in ("random", "zero"):
+        kitchen_suite.evaluate(
+            name, domain_name="open_cabinet", num_episodes=3, max_episode_steps=3, receipt=f"{name}.npz"
+        )
+    record = kitchen_suite.compare("random.npz", "zero.npz").as_json()
+    assert "task_rates" not in record
+    assert record["mean_progress_difference"] == record["scores"]["mean_progress"]["difference"]
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("missing.npz", "there is no"),
+        ("text.npz", "receipt"),
+        ("text.json", "results of an evaluation"),
+        (".", "holds no"),
+    ],
+)
+def test_other_files_are_refused(run, receipts, folder, name, shown):
+    for file in ("text.npz", "text.json"):
+        (folder / file).write_text('{"a": 1}', encoding="utf-8")
+    status, out, err = run(compare_command, name, str(receipts / "zero.npz"))
+    assert (out, err.count("\n")) == ("", 1)
+    assert status == (1 if name == "text.npz" else 2)
+    assert shown in err
+
+
+def test_an_altered_receipt_is_refused(receipts, folder):
+    contents = bytearray((receipts / "zero.npz").read_bytes())
+    contents[100] ^= 1
+    (folder / "altered.npz").write_bytes(contents)
+    with refused(OSError, "altered.npz"):
+        kitchen_suite.compare("altered.npz", receipts / "zero.npz")
+
+
+def test_a_file_that_is_compared_is_never_written_to(run, receipts):
+    names = [str(receipts / f"{name}.npz") for name in ("random", "zero")]
+    status, _, err = run(compare_command, *names, f"--json={names[0]}")
+    assert (status, "different files" in err) == (2, True)
+    assert kitchen_suite.compare(*names).ties == 3
+
+
+def test_policies_of_one_name_are_told_apart_by_their_paths(receipts, folder):
+    (folder / "zero.npz").write_bytes((receipts / "zero.npz").read_bytes())
+    comparison = kitchen_suite.compare("zero.npz", receipts / "zero.npz")
+    assert (comparison.first.name, comparison.second.name) == ("zero.npz", str(receipts / "zero.npz"))
+
+
+def differing(receipts):
+    """A comparison in which the first policy alone succeeds in the last episode."""
+    comparison = kitchen_suite.compare(receipts / "random.npz", receipts / "zero.npz")
+    (name,) = comparison.pairs
+    one, other = comparison.pairs[name][-1]
+    pairs = [*comparison.pairs[name][:-1], (dataclasses.replace(one, success=True), other)]
+    return PairedComparison(first=comparison.first, second=comparison.second, pairs={name: pairs})
+
+
+def test_episodes_are_played_again_as_they_were(receipts):
+    comparison = differing(receipts)
+    ((one, _),) = comparison.differing
+    steps = [buffer.steps for buffer, _ in side_by_side.replayed(comparison.first, one)]
+    assert steps == [0, 1, 2, 3, 4]
+    *_, (buffer, _) = side_by_side.replayed(comparison.first, one)
+    np.testing.assert_array_equal(buffer.arrays()["action"], comparison.first.recorded.actions("random_4", 2))
+
+
+@pytest.mark.rendering
+def test_a_video_shows_both_policies_with_their_names(receipts, folder):
+    import imageio.v2 as imageio
+
+    comparison = differing(receipts)
+    picture = side_by_side.Picture(width=320, height=160)
+    assert side_by_side.film(comparison, folder / "both.mp4", picture, 3) == 1
+    with contextlib.closing(imageio.get_reader("both.mp4")) as reader:
+        seen = np.stack([*reader.iter_data()]).astype(float)
+    # A start and four control steps, and the end for a second of 12.5 frames.
+    assert seen.shape == (5 + 12, 160, 320, 3)
+    # Both begin alike, and only the captions with their names differ.
+    left, right = seen[0, :, :160], seen[0, :, 160:]
+    assert np.abs(left[20:140] - right[20:140]).mean() < 2.0
+    assert np.abs(left[:12] - right[:12]).max() > 100.0
+    # Their actions differ, and the captions of the end say which one succeeded.
+    assert np.abs(seen[-1, 20:140, :160] - seen[-1, 20:140, 160:]).mean() > 0.2
+    assert np.abs(seen[-1, :12] - seen[0, :12]).max() > 100.0
+
+
+@pytest.mark.rendering
+def test_the_command_films_the_episodes_that_differ(run, folder, receipts):
+    names = [str(receipts / f"{name}.npz") for name in ("random", "zero")]
+    status, out, err = run(compare_command, *names, "--video=both.mp4")
+    assert (status, err) == (0, "")
+    assert "nothing to show" in out
+    assert not (folder / "both.mp4").exists()
+
+
+def test_what_cannot_be_filmed_is_refused_first(run, folder, receipts):
+    names = [str(receipts / f"{name}.npz") for name in ("random", "zero")]
+    status, out, err = run(compare_command, *names, names[0], "--video=both.mp4")
+    assert (status, out) == (2, "")
+    assert "two policies, not 3" in err
+    assert run(evaluate_command, *SMALL, "--episodes", "--json=rows.json")[0] == 0
+    status, out, err = run(compare_command, "rows.json", names[1], "--video=both.mp4")
+    assert (status, out) == (2, "")
+    assert "write a receipt" in err

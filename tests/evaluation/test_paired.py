@@ -1,0 +1,118 @@
+"""Statistics of paired episodes: published values of textbook tables, limits, symmetry, and Holm's method."""
+
+import numpy as np
+import pytest
+
+from kitchen_suite.evaluation.paired import PairedVerdicts, holm, mean_difference, score_interval
+
+# Wins, losses and pairs; the interval and its level; the exact p-value of McNemar's test, None where none is published.
+# Each was printed by the source named, to the digits given here.
+PUBLISHED = {
+    # Complete response before and after consolidation therapy (Cavo et al. 2012), in M. Fagerland, S. Lydersen and P.
+    # Laake, Statistical Analysis of Contingency Tables (2017), chapter 8: 59, 6, 16, 80. From the tests of the authors'
+    # R package contingencytables, Tango_asymptotic_score_CI_paired_2x2 and McNemar_exact_cond_test_paired_2x2.
+    "Cavo": (6, 16, 161, 0.95, (-0.1240, -0.0054), 0.052479),
+    # Airway hyper-responsiveness before and after transplantation (Bentur et al. 2009), in M. Fagerland, S. Lydersen
+    # and P. Laake, Statistics in Medicine 33 (2014) 2850-2875: 1, 1, 7, 12. The p-value is 2 (1 + 8) / 2^8.
+    "Bentur": (1, 7, 21, 0.95, (-0.517, -0.026), 0.0703125),
+    # PropCIs::scoreci.mp(25, 28, 618, 0.9) in R, whose difference is the second count less the first.
+    "PropCIs": (28, 25, 618, 0.90, (-0.0148, 0.0247), None),
+}
+
+# Approval of a president in two surveys (A. Agresti, Categorical Data Analysis, 1990, page 350): 794, 150, 86, 570. By
+# statsmodels 0.15, mcnemar([[794, 150], [86, 570]], exact=True).
+APPROVAL = (150, 86, 1600, 3.7159e-05)
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_intervals_and_p_values_are_those_published(name):
+    wins, losses, count, confidence, interval, p_value = PUBLISHED[name]
+    decimals = 3 if name == "Bentur" else 4
+    found = score_interval(wins, losses, count, confidence)
+    assert [round(bound, decimals) for bound in found] == [*interval]
+    if p_value is not None:
+        verdicts = PairedVerdicts(wins=wins, losses=losses, ties=count - wins - losses)
+        assert verdicts.p_value == pytest.approx(p_value, rel=1e-4)
+
+
+def test_the_p_value_of_approval_is_that_of_statsmodels():
+    wins, losses, count, p_value = APPROVAL
+    verdicts = PairedVerdicts(wins=wins, losses=losses, ties=count - wins - losses)
+    assert verdicts.p_value == pytest.approx(p_value, rel=1e-4)
+
+
+def test_the_interval_excludes_zero_where_the_asymptotic_test_rejects():
+    quantile = 1.959964
+    for wins in range(30):
+        for losses in range(30):
+            low, high = score_interval(wins, losses, 60)
+            statistic = abs(wins - losses) / max(1.0, wins + losses) ** 0.5
+            if abs(statistic - quantile) > 1e-6:
+                assert (low > 0.0 or high < 0.0) == (statistic > quantile)
+
+
+@pytest.mark.parametrize("count", [1, 2, 10, 200, 50_000])
+def test_intervals_are_possible_and_never_certain(count):
+    for wins, losses in ((0, 0), (count, 0), (0, count), (count // 2, count - count // 2), (1, 0), (0, 1)):
+        low, high = score_interval(wins, losses, count)
+        assert -1.0 <= low < high <= 1.0
+        assert low <= (wins - losses) / count <= high
+    assert score_interval(count, 0, count)[1] == 1.0
+
+
+def test_an_interval_without_differences_is_that_of_the_score_equation():
+    low, high = score_interval(0, 0, 50)
+    square = 1.959964**2
+    assert (low, high) == pytest.approx((-square / (50 + square), square / (50 + square)))
+
+
+def test_swapping_the_policies_mirrors_everything():
+    generator = np.random.default_rng(0)
+    first, second = generator.random((2, 40)) < [[0.9], [0.6]]
+    one, other = PairedVerdicts.of(first, second), PairedVerdicts.of(second, first)
+    assert (one.wins, one.losses, one.ties) == (other.losses, other.wins, other.ties)
+    assert one.interval == (-other.interval[1], -other.interval[0])
+    assert (one.p_value, one.difference) == (other.p_value, -other.difference)
+    tasks = generator.integers(-3, 4, 40)
+    middle, (low, high) = mean_difference(tasks, greatest=4)
+    assert mean_difference(-tasks, greatest=4) == (-middle, (pytest.approx(-high), pytest.approx(-low)))
+
+
+def test_without_wins_and_losses_no_difference_is_found():
+    verdicts = PairedVerdicts.of([True, False], [True, False])
+    assert (verdicts.wins, verdicts.losses, verdicts.ties, verdicts.p_value) == (0, 0, 2, 1.0)
+
+
+@pytest.mark.parametrize(("first", "second"), [([], []), ([True], [True, False])])
+def test_verdicts_that_are_no_pairs_are_refused(first, second):
+    with pytest.raises(ValueError, match="no pairs"):
+        PairedVerdicts.of(first, second)
+
+
+def test_the_bootstrap_is_that_of_the_mean_and_the_same_every_time():
+    values = np.random.default_rng(1).integers(-2, 4, 400)
+    middle, (low, high) = mean_difference(values, greatest=4)
+    assert middle == values.mean()
+    # At 400 values the normal interval agrees within a tenth of its width.
+    half = 1.96 * values.std(ddof=1) / 20
+    assert (low, high) == pytest.approx((middle - half, middle + half), abs=0.2 * half)
+    assert mean_difference(values, greatest=4) == (middle, (low, high))
+
+
+def test_equal_differences_leave_the_others_that_the_exact_limit_allows():
+    # With 200 of 200 alike, others have a probability of at most 1 - 0.025^(1/200), of 1.83 %.
+    middle, (low, high) = mean_difference(np.zeros(200), greatest=4)
+    assert (middle, low, high) == (0.0, pytest.approx(-0.0731, abs=1e-4), pytest.approx(0.0731, abs=1e-4))
+    low, high = mean_difference([4.0, 4.0], greatest=4)[1]
+    assert -4.0 <= low < high == 4.0
+    assert mean_difference([0.5, 0.5]) == (0.5, None)
+    with pytest.raises(ValueError, match="at least one"):
+        mean_difference([])
+
+
+def test_holm_by_hand():
+    # In order 0.005 x 4, 0.01 x 3, 0.03 x 2 = 0.06, and 0.04 x 1, which is not less than the one before.
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.5, 0.6, 0.9]) == [1.0, 1.0, 1.0]
+    assert holm([0.04]) == [0.04]
+    assert holm([]) == []
