@@ -15,6 +15,7 @@ ANSWERS = {
     "Where the reward of the kitchen is computed": "reward",
     "How a flag becomes an effect": "flag",
     "What a reset of one of many environments does": "masked_reset",
+    "How a receipt is checked": "receipt",
 }
 
 

@@ -5,8 +5,8 @@ python tests/tools/walks.py REVISION        measures that revision of this repos
 python tests/tools/walks.py --list=step     lists the files and functions that a walk enters, in order of first entry
 
 A walk is a call whose project files are counted: those below the root of the tree in which Python code runs. Calls are
-counted that enter another file than the project file that they come from. The walks `step`, `vector_step`, `reward` and
-`masked_reset` are one call after two others. The walks `recording` and `flag` are kitchen-record and kitchen-rollout,
+counted that enter another file than the project file that they come from. The walks `step`, `vector_step`, `reward`,
+`masked_reset` and `receipt` are one call after two others. The walks `recording` and `flag` are kitchen-record and kitchen-rollout,
 with what they import, in a process in which a vectorised environment has made a step.
 """
 
@@ -140,8 +140,23 @@ def masked_reset() -> Callable[[], object]:
     return lambda: environments.reset(options={"reset_mask": np.arange(4) == 1})
 
 
+def receipt() -> Callable[[], object]:
+    """Evaluates two short episodes with a receipt, in the working directory; returns the check of the receipt."""
+    import kitchen_suite
+
+    path = Path("receipt.npz")
+    kitchen_suite.evaluate("random", task_name="kettle", num_episodes=2, max_episode_steps=5, receipt=path)
+    return lambda: kitchen_suite.replay(path)
+
+
 # Calls in one process that are traced the third time.
-CALLS = {"step": step, "vector_step": vector_step, "reward": reward, "masked_reset": masked_reset}
+CALLS = {
+    "step": step,
+    "vector_step": vector_step,
+    "reward": reward,
+    "masked_reset": masked_reset,
+    "receipt": receipt,
+}
 # Commands that are traced with what they import.
 COMMANDS = {
     "recording": ("kitchen-record", *RECORDING),
