@@ -82,12 +82,15 @@ def warp_tables(results: Mapping[str, Any]) -> list[Table]:
     parted = results["agreement"]
     agreement = [(name, f"{parted[name]['median']:.1e}", f"{parted[name]['greatest']:.1e}") for name in parted]
     played = results["open_loop"]
-    completed = [(task, f"{number} of {played['worlds']}") for task, number in played["completed"].items()]
+    completed = [
+        (f"{task} completed in worlds", f"{number} of {played['worlds']}")
+        for task, number in played["completed"].items()
+    ]
     completed.append(("greatest distance of the kettle from where it is in C [m]", f"{played['kettle_distance']:.4f}"))
     return [
         (("worlds", "control steps/s", "compilation and first step [s]"), rates),
         (("difference from C after a control step", "median", "greatest"), agreement),
-        (("by the expert's recorded controls", "worlds that complete the task"), completed),
+        (("by the expert's recorded controls", "outcome"), completed),
     ]
 
 

@@ -6,8 +6,8 @@ python tests/tools/walks.py --list=step     lists the files and functions that a
 
 A walk is a call whose project files are counted: those below the root of the tree in which Python code runs. Calls are
 counted that enter another file than the project file that they come from. The walks `step`, `vector_step`, `reward`,
-`masked_reset` and `receipt` are one call after two others. The walks `recording` and `flag` are kitchen-record and kitchen-rollout,
-with what they import, in a process in which a vectorised environment has made a step.
+`masked_reset` and `receipt` are one call after two others. The walks `recording` and `flag` are kitchen-record and
+kitchen-rollout, with what they import, in a process in which a vectorised environment has made a step.
 """
 
 import argparse
