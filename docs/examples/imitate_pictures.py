@@ -1,4 +1,4 @@
-"""Learns a task of one's own from pictures: scripted episodes, a small network, an evaluation on other seeds.
+"""Learns a custom task from images: scripted episodes, a small network, an evaluation on other seeds.
 
 Needs a GL library, and pip install '.[experts,pixels,train]'. It writes the recording `pictures` and the
 weights `imitate_pictures.pt` to the working directory; a recording that is there is used again.

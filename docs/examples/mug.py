@@ -1,4 +1,4 @@
-"""An object of one's own: a mug on the counter, which is observed, rewarded and filmed. Run: python mug.py."""
+"""A custom object: a mug on the counter, observed, rewarded, and seen by its own camera. Run: python mug.py."""
 
 import gymnasium
 import numpy as np

@@ -1,4 +1,4 @@
-"""An arm of one's own in the kitchen, with the scripted expert. Run: python my_arm.py; it needs the extra `experts`."""
+"""A custom arm in the kitchen, with the scripted expert. Run: python my_arm.py; it needs the extra `experts`."""
 
 import numpy as np
 from dm_control import mjcf

@@ -1,4 +1,4 @@
-"""A control mode of one's own: velocities of the arm's joints, with an open hand. Run: python my_control_mode.py."""
+"""A custom control mode: velocities of the arm's joints, with an open hand. Run: python my_control_mode.py."""
 
 import gymnasium
 import numpy as np
@@ -29,7 +29,7 @@ class ArmVelocity(ActionMode):
 
 
 class ArmTask(KitchenTask):
-    """The tasks of the kitchen with the further control mode `arm_velocity`."""
+    """The tasks of the kitchen with the additional control mode `arm_velocity`."""
 
     control_modes = {**KitchenTask.control_modes, "arm_velocity": ArmVelocity}
 

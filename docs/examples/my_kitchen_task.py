@@ -1,4 +1,4 @@
-"""A task of one's own in the kitchen: the microwave half open, a burner on, calmly. Run: python my_kitchen_task.py."""
+"""A custom task in the kitchen: the microwave half open, a burner on, calmly. Run: python my_kitchen_task.py."""
 
 import gymnasium
 import numpy as np

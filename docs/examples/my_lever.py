@@ -1,4 +1,4 @@
-"""A prop with a joint of one's own: a lever on the counter, observed and rewarded. Run: python my_lever.py."""
+"""A custom object with a joint: a lever on the counter, observed and rewarded. Run: python my_lever.py."""
 
 import gymnasium
 import numpy as np

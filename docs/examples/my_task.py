@@ -1,4 +1,4 @@
-"""A task of one's own: the microwave's door starts ajar, and fast joints cost reward. Run: python my_task.py."""
+"""A custom task: the microwave's door starts ajar, and fast joints cost reward. Run: python my_task.py."""
 
 import gymnasium
 import numpy as np

@@ -1,4 +1,4 @@
-"""A task of one's own from the suite's entities, in plain dm_control composer: reach for the handle of a microwave.
+"""A task made of the suite's entities, in plain dm_control composer: reach for the handle of a microwave.
 
 python own_task.py --steps=100
 """

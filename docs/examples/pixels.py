@@ -1,4 +1,4 @@
-"""Observes pictures of two cameras instead of the objects' positions, and saves them side by side.
+"""Observes images of two cameras instead of the objects' positions, and saves them side by side.
 
 Needs a GL library, but no display.
 

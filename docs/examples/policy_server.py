@@ -1,4 +1,4 @@
-"""A policy on a server, in openpi's protocol: it brakes the arm, by five actions at a time.
+"""A policy server, with openpi's protocol: it brakes the arm, by five actions at a time.
 
 python docs/examples/policy_server.py 8000 &
 kitchen-rollout --policy=ws://localhost:8000

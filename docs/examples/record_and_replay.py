@@ -1,4 +1,4 @@
-"""Records demonstrations of the scripted expert as a data set, reads it with Minari, and replays it.
+"""Records demonstrations of the scripted expert as a dataset, reads it with Minari, and replays it.
 
 Needs pip install '.[experts,record]'. From a shell: kitchen-record, kitchen-convert, kitchen-replay.
 

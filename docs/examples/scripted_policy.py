@@ -1,4 +1,4 @@
-"""A scripted policy of one's own, which all commands take: a list of speeds of the hand opens the microwave.
+"""A custom scripted policy, which all commands take: a list of speeds of the hand opens the microwave.
 
 python scripted_policy.py
 kitchen-rollout --policy=scripted_policy:act --task_name=microwave --control_mode=ee_delta_pose --video=microwave.mp4

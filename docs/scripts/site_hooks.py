@@ -1,23 +1,27 @@
 """Hooks of the documentation site, which `mkdocs.yml` names.
 
-They make the pages of the reference, and adapt to MkDocs what the pages have for GitHub. The file is an extension of
-mkdocstrings, too: in the suite's docstrings a paragraph may begin with its subject, as in `Reward: one for each task`,
-and go on in indented lines, which the parser of Google style would take for a boxed remark.
+They make the pages of the reference, a page for each file of the repository that a page links to, and adapt to MkDocs
+what the pages have for GitHub. The file is also an extension of mkdocstrings: in the suite's docstrings a paragraph may
+begin with its subject, as in `Reward: one for each task`, and go on in indented lines, which the parser of Google style
+would take for a boxed remark.
 """
 
+import json
+import logging
 import posixpath
 import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Set
+import textwrap
+from collections.abc import Iterator, Set
 from pathlib import Path
 from typing import Any
 
 import griffe
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.plugins import event_priority
-from mkdocs.structure.files import File, Files
+from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
 
 SCRIPTS = Path(__file__).resolve().parent
@@ -26,14 +30,25 @@ sys.path[:0] = [str(ROOT), str(SCRIPTS)]  # Documents the checkout, also where a
 
 import reference_pages  # noqa: E402
 
-# Pages at the top of the repository that the site has, too.
-_TOP_PAGES = {"CHANGELOG.md": "development/changelog.md", "CONTRIBUTING.md": "development/contributing.md"}
-# Pages of pictures, which have the whole width.
+# Pages at the top of the repository that the site has as well.
+_TOP_PAGES = {
+    ".github/SECURITY.md": "development/security.md",
+    "CHANGELOG.md": "development/changelog.md",
+    "CONTRIBUTING.md": "development/contributing.md",
+}
+# The place in the start page where the site has the text of README.md.
+_README = "<!-- README.md -->\n"
+# Pages of images, which have the whole width.
 _WIDE_PAGES = ("domains/gallery.md",)
-_LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
+_LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
+# A badge, or any other image that a browser would load from another site; a badge is itself the text of a link.
+_FOREIGN_IMAGE = re.compile(r"\[!\[[^\]]*\]\(https?:[^)]*\)\]\([^)]*\)\n?|!\[[^\]]*\]\(https?:[^)]*\)\n?")
 _FENCE = re.compile(r"^(\s*```\w+) .*$", re.MULTILINE)
-_CODE = re.compile(r"^(\s*)```.*?^\1```$", re.MULTILINE | re.DOTALL)
+_CODE = re.compile(r"^([ \t]*)```.*?^\1```$", re.MULTILINE | re.DOTALL)
 _NESTED = re.compile(r"^((?:  )+)(?=- )", re.MULTILINE)
+# Languages of the files that are shown as pages, by the end of their name; all others are plain text.
+_LANGUAGES = {".py": "python", ".yaml": "yaml", ".json": "json"}
+_log = logging.getLogger("mkdocs.hooks.site_hooks")
 # Removed when the process ends.
 _packages = tempfile.TemporaryDirectory(prefix="kitchen-suite-docs-")
 
@@ -48,55 +63,129 @@ def on_config(config: MkDocsConfig) -> None:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> None:
-    """Adds the pages of the reference, and those at the top of the repository."""
+    """Adds the pages of the reference, those at the top of the repository, and the files that pages link to."""
     pages = {name: (ROOT / source).read_text(encoding="utf-8") for source, name in _TOP_PAGES.items()}
     for name, text in (pages | reference_pages.pages()).items():
         files.append(File.generated(config, name, content=text))
+    known = {_source(file.src_uri) for file in files if not file.inclusion.is_excluded()}
+    for source in sorted({*_linked_files(files)} - known):
+        page = File.generated(config, _shown(source), content=_file_page(ROOT / source))
+        page.inclusion = InclusionLevel.NOT_IN_NAV
+        files.append(page)
+
+
+def _source(name: str) -> str:
+    """Returns the path in the repository of a page of the site, or of another file there."""
+    return next((source for source, page in _TOP_PAGES.items() if page == name), f"docs/{name}")
+
+
+def _shown(source: str) -> str:
+    """Returns the name of the page that shows a file of the repository."""
+    return f"{source.removeprefix('docs/')}.md"
+
+
+def _linked_files(files: Files) -> Iterator[str]:
+    """Yields the files of the repository to which the pages link, by their paths."""
+    pages = [
+        _source(file.src_uri) for file in files if file.src_uri.endswith(".md") and not file.inclusion.is_excluded()
+    ]
+    for page in ("README.md", *pages):
+        path = ROOT / page
+        if path.is_file():  # Not of the reference, whose links mkdocstrings makes.
+            for _, _, target in _LINK.findall(_CODE.sub("", path.read_text(encoding="utf-8"))):
+                linked = (path.parent / target.partition("#")[0]).resolve()
+                if linked.is_file() and linked.name != "README.md":
+                    yield linked.relative_to(ROOT).as_posix()
+
+
+def _file_page(path: Path) -> str:
+    """Returns the page that shows a file; the search of the site leaves it out."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".ipynb":
+        cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(text)["cells"]]
+        body = "\n\n".join(source if kind == "markdown" else _fenced(source, "python") for kind, source in cells)
+    else:
+        body = _fenced(text, _LANGUAGES.get(path.suffix, "text"))
+    name = path.relative_to(ROOT).as_posix()
+    return f"---\ntitle: {path.name}\nsearch: {{exclude: true}}\n---\n`{name}` in the repository:\n\n{body}\n"
+
+
+def _fenced(code: str, language: str) -> str:
+    """Returns code between fences that it does not contain."""
+    return f"~~~~~~~~{language}\n{code.rstrip()}\n~~~~~~~~"
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Returns a page's text for MkDocs: plain fences, nested lists by four spaces, links that the site has."""
-    if page.file.generated_by and page.file.src_uri not in _TOP_PAGES.values():
-        return markdown  # Of the reference, made for MkDocs.
-    if page.file.src_uri in _WIDE_PAGES:
+    name = page.file.src_uri
+    if page.file.generated_by and name not in _TOP_PAGES.values():
+        return markdown  # Made for MkDocs.
+    if name in _WIDE_PAGES:
         page.meta["hide"] = ["navigation", "toc"]
     sources = {file.src_uri for file in files if file.inclusion.is_included()}
-    is_top = page.file.src_uri in _TOP_PAGES.values()
-    site_folder = posixpath.dirname(page.file.src_uri)
-    folder = "" if is_top else posixpath.join("docs", site_folder)
+    page.meta.setdefault("description", _description(markdown))
+    text = _adapted(markdown, _source(name), name, sources)
+    if _README in text:
+        _, _, readme = (ROOT / "README.md").read_text(encoding="utf-8").partition("\n")
+        text = text.replace(_README, _adapted(readme, "README.md", name, sources))
+    return text
+
+
+def _description(markdown: str) -> str:
+    """Returns the first sentences of a page as plain text, which search engines show."""
+    paragraphs = [each for each in _CODE.sub("", markdown).split("\n\n") if re.match(r"\s*[\w`\"[]", each)]
+    text = _LINK.sub(r"\2", paragraphs[0] if paragraphs else "").replace("`", "").replace('"', "'")
+    return textwrap.shorten(text, 200, placeholder=" ...")
+
+
+def _adapted(markdown: str, source: str, name: str, sources: Set[str]) -> str:
+    """Returns the text of a file of the repository as that of a page of the site.
+
+    Args:
+      markdown: the text.
+      source: path of the file in the repository.
+      name: of the page of the site.
+      sources: pages and images of the site.
+    """
     code = {}
 
     def without_code(match: re.Match[str]) -> str:
-        code[key := f"<!-- code {len(code)} -->"] = _FENCE.sub(r"\1", match[0])
+        code[key := f"<!-- code {len(code)} of {source} -->"] = _FENCE.sub(r"\1", match[0])
         return key
 
     text = _CODE.sub(without_code, markdown)
+    text = _FOREIGN_IMAGE.sub("", text)
     text = _NESTED.sub(lambda match: match[1] * 2, text)
-    text = _LINK.sub(lambda match: _link(match[1], match[2], folder, site_folder, sources), text)
+    text = _LINK.sub(lambda match: _link(match, source, name, sources), text)
     for key, block in code.items():
         text = text.replace(key, block)
     return text
 
 
-def _link(text: str, target: str, folder: str, site_folder: str, sources: Set[str]) -> str:
-    """Returns a link as the site has it; of files that are not in the site, the text alone.
+def _link(match: re.Match[str], source: str, name: str, sources: Set[str]) -> str:
+    """Returns a link or an image as the site has it; what leads nowhere is a warning, which ends a strict build.
 
     Args:
-      text: of the link.
-      target: of the link, relative to the page's folder in the repository.
-      folder: the page's folder in the repository.
-      site_folder: the page's folder in the site.
-      sources: pages and pictures of the site.
+      match: of `_LINK`.
+      source: path in the repository of the file that has the link.
+      name: of the page of the site.
+      sources: pages and images of the site.
     """
+    mark, text, target = match.groups()
     if "://" in target or target.startswith("#"):
-        return f"[{text}]({target})"
-    path, mark, anchor = target.partition("#")
-    full = (ROOT / folder / path).resolve().relative_to(ROOT).as_posix()
-    name = _TOP_PAGES.get(full, full.removeprefix("docs/"))
-    if name not in sources:
+        return match[0]
+    path, hash_mark, anchor = target.partition("#")
+    full = (ROOT / posixpath.dirname(source) / path).resolve().relative_to(ROOT).as_posix()
+    pages = (_TOP_PAGES.get(full, full.removeprefix("docs/")), _shown(full))
+    if full == "README.md":
+        pages = ("index.md",)
+    linked = next((page for page in pages if page in sources), None)
+    if linked is None:
+        _log.warning("%s links to %s, which the site does not have", source, full)
         return text
-    address = posixpath.relpath(name, site_folder or ".")
-    return f"[{_title(full) if text == path else text}]({address}{mark}{anchor})"
+    address = posixpath.relpath(linked, posixpath.dirname(name) or ".")
+    shown = _title(full) if text == path and full.endswith(".md") else text
+    return f"{mark}[{shown}]({address}{hash_mark}{anchor})"
 
 
 def _title(page: str) -> str:

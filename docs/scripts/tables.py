@@ -289,10 +289,10 @@ def part_table(parts: Mapping[str, slice], contents: Mapping[str, str]) -> str:
 def id_table() -> str:
     """Returns the table of the Gymnasium ids."""
     rows = [
-        (f"`{name}`", f"`{record.env_id}`", code_list(record.task_ids.values()))
+        (f"`{name}`", f"`{record.env_id}`", f"`{next(iter(record.task_ids.values()))}`", len(record.task_ids))
         for name, record in suite.DOMAINS.items()
     ]
-    return markdown(("domain", "id for any of its tasks", "ids of its tasks"), rows)
+    return markdown(("domain", "id for any of its tasks", "id of its first task", "ids of tasks"), rows)
 
 
 _UNITS = {"hinge": "rad", "slide": "m", None: "rad"}
@@ -352,7 +352,7 @@ def cabinet_observation_table() -> str:
 
 # What each camera is for; those of the robot are the same in all domains.
 _PURPOSES = {
-    "workspace": "knobs, switch, doors, kettle and burners in small pictures; default of the kitchen and of kitchens",
+    "workspace": "knobs, switch, doors, kettle and burners in small images; default of the kitchen and of kitchens",
     "overview": "robot and furniture; default of open_cabinet and microwave_table; the kitchen's is the original's",
     "handle": "close-up of the handles and the gripper",
     "left": "from the left",
@@ -422,12 +422,12 @@ def camera_table() -> str:
 _MODES = {name: domain.resolve("task").control_modes for name, domain in suite.DOMAINS.items()}
 # Elements by mode: the specs have the names of single joints.
 _ELEMENTS = {
-    "joint_velocity": "9 velocities, as a share of `velocity_scale`",
+    "joint_velocity": "9 velocities, as a fraction of `velocity_scale`",
     "joint_offset": "7 offsets [rad], log odds of closing the gripper",
     "joint_position": "targets of the joints [rad] and of the fingers [m]",
-    "joint_delta": "7 velocities, as a share of `joint_speed`; gripper",
-    "ee_delta_position": "x, y, z, as a share of `linear_speed`; gripper",
-    "ee_delta_pose": "x, y, z, as a share of `linear_speed`; rotation vector, as a share of `angular_speed`; gripper",
+    "joint_delta": "7 velocities, as a fraction of `joint_speed`; gripper",
+    "ee_delta_position": "x, y, z, as a fraction of `linear_speed`; gripper",
+    "ee_delta_pose": "x, y, z, as a fraction of `linear_speed`; rotation vector, of `angular_speed`; gripper",
     "ee_pose": "x, y, z [m] and quaternion w, x, y, z in the frame of the base; gripper",
 }
 
@@ -793,7 +793,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "my_task": functools.partial(example, "my_task"),
     "mug": functools.partial(example, "mug"),
     "my_control_mode": functools.partial(example, "my_control_mode"),
-    "my_arm": functools.partial(example, "my_arm", " thorough"),
+    "my_arm": functools.partial(example, "my_arm", " full"),
     "fixtures": fixture_table,
     "kitchens_tasks": functools.partial(task_table, "kitchens"),
     "kitchens_observation": functools.partial(part_table, kitchens.SLICES, _KITCHENS_CONTENT),

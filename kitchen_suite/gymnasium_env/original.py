@@ -435,7 +435,7 @@ class OriginalEnv(Explained, SuiteEnv):
 
     @Fixed.by("its fields can be written to, such as data.qpos[:] = ...")
     def data(self) -> mujoco.MjData:
-        """MuJoCo's data; see `RobotEnv.data`. Joints are in the original's order; docs/guide/moving.md has names."""
+        """MuJoCo's data; see `RobotEnv.data`. Joints are in the original's order; docs/guide/migrating.md has names."""
         return self.robot_env.data
 
     @Fixed.by("pass camera arguments, such as default_camera_config, to gymnasium.make")

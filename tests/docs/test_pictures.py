@@ -21,7 +21,7 @@ def pictures_of(page):
     return [(page.parent / name).resolve() for name in names]
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/index.md", "docs/domains/gallery.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/domains/gallery.md"])
 def test_pages_open_with_the_film(page):
     assert pictures_of(ROOT / page)[0] == FILM
 

@@ -1,5 +1,6 @@
 """The documentation site: it builds without a warning, its links resolve, and every public name has an entry."""
 
+import html
 import html.parser
 import importlib
 import os
@@ -81,8 +82,9 @@ def test_every_public_name_has_an_entry(site):
     assert expected <= inventory(site)
 
 
-def test_the_reference_has_what_the_page_on_extending_imports():
-    text = (ROOT / "docs" / "guide" / "extending.md").read_text(encoding="utf-8")
+def test_the_reference_has_what_the_pages_on_custom_parts_import():
+    pages = [ROOT / "docs" / "guide" / f"{name}.md" for name in ("custom_objects", "extending")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
     imported = {
         f"{module}.{name}"
         for module, names in re.findall(r"^from (kitchen_suite[\w.]*) import ([\w, ]+)", text, re.MULTILINE)
@@ -127,8 +129,34 @@ def test_pages_are_shown_without_the_internet(site, pages):
 
 
 @pytest.mark.clients
-def test_the_site_has_no_scripts_nor_results_of_experiments(site):
-    assert not [*site.rglob("*.py"), *(site / "experiments").rglob("*")]
+def test_files_that_pages_link_to_can_be_read_on_the_site(site, pages):
+    shown = site / "examples" / "my_domain.py.html"
+    assert "../examples/my_domain.py.html" in pages[site / "guide" / "examples.html"].links
+    text = html.unescape(re.sub(r"<[^>]+>", "", shown.read_text(encoding="utf-8")))
+    assert (ROOT / "docs" / "examples" / "my_domain.py").read_text(encoding="utf-8").rstrip() in text
+
+
+@pytest.mark.clients
+def test_the_start_page_has_the_text_of_the_readme_and_its_image(site, pages):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    start = site / "index.html"
+    for heading in re.findall(r"^## (.*)$", readme, re.MULTILINE):
+        assert f">{html.escape(heading)}<" in start.read_text(encoding="utf-8")
+    images = set(re.findall(r"!\[[^\]]*\]\(docs/([^)]+)\)", readme))
+    assert images
+    assert images <= {*pages[start].loaded}
+
+
+@pytest.mark.clients
+def test_the_site_has_no_scripts_nor_results_of_experiments_but_those_linked_to(site):
+    assert not [*site.rglob("*.py"), *(site / "experiments" / "results").rglob("*.npz")]
+
+
+@pytest.mark.clients
+def test_pages_of_the_guide_have_descriptions_of_their_own(site):
+    texts = [page.read_text(encoding="utf-8") for page in (site / "guide").glob("*.html")]
+    found = [re.search(r'<meta name="description" content="([^"]*)"', text)[1] for text in texts]
+    assert len(set(found)) == len(found) > 20
 
 
 @pytest.mark.clients

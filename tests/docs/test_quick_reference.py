@@ -1,4 +1,4 @@
-"""Every id, argument, task, command, flag and page that the texts for coding assistants name exists."""
+"""Every id, argument, task, command, flag and page that the quick reference and llms.txt name exists."""
 
 import re
 import shlex
@@ -12,7 +12,7 @@ from kitchen_suite import commands, gymnasium_env, policies, suite
 from kitchen_suite.datasets.formats import FORMATS
 
 DOCS = ROOT / "docs"
-PAGE = (DOCS / "guide" / "assistants.md").read_text(encoding="utf-8")
+PAGE = (DOCS / "guide" / "quick_reference.md").read_text(encoding="utf-8")
 LIST = (DOCS / "llms.txt").read_text(encoding="utf-8")
 
 
