@@ -317,9 +317,7 @@ class StrictSuccess(Success):
         types = [joint_types(goal.joints_in(scene)) for goal in goals.goals]
         self._free = [number for number, each in enumerate(types) if each == ["free"]]
         # Positions of free objects have a tolerance of their own.
-        tolerances = [
-            [np.inf] * 7 if each == ["free"] else [JOINT_TOLERANCES[kind] for kind in each] for each in types
-        ]
+        tolerances = [[np.inf] * 7 if each == ["free"] else [JOINT_TOLERANCES[kind] for kind in each] for each in types]
         self._tolerances = np.array([tolerance for each in tolerances for tolerance in each])
 
     def within(
