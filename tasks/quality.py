@@ -21,6 +21,9 @@ from kitchen_suite.tasks.rotations import squared_length
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.types import Array
 
+# Beginning of the names of the sensors.
+SENSOR_PREFIX = "quality_"
+
 # Greatest number of contacts of the robot, and of the hand, whose forces are summed: those of the greatest forces.
 # Chosen: the scripted experts have at most 13 at a time.
 NUM_CONTACTS = 16
@@ -239,7 +242,7 @@ class QualityMeter:
 
     def _add(self, kind: str, **attributes: Any) -> mjcf.Element:
         sensors = self._scene.arena.mjcf_model.sensor
-        name = f"quality_{len(sensors.all_children())}"
+        name = f"{SENSOR_PREFIX}{len(sensors.all_children())}"
         return sensors.add(kind, name=name, nsample=self._physics_steps, **attributes)
 
     def bind(self, physics: mjcf.Physics) -> None:
@@ -274,7 +277,7 @@ class QualityMeter:
         return np.concatenate(found)
 
     def start(self, physics: mjcf.Physics, simulation: Simulation, state: Any) -> Quality:
-        """Returns the quality of an episode before its first step, from the physics and the MDP's state of its reset."""
+        """Returns the quality of an episode before its first step, given the physics and the MDP's state then."""
         mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
         hand = np.array(physics.data.ptr.site_xpos[self._site])
         asked = self._mdp.requested_joints(self._scene, state)

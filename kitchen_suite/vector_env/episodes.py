@@ -284,7 +284,7 @@ class BatchEpisodes:
         return tuple(state[moving].copy() for state, moving in zip(self.batch.state, self._moving, strict=True))
 
     def info(self) -> dict[str, Any]:
-        """Returns the infos of MDP, terminations and quality, and the number of steps as `episode_step`: fresh `(n, ...)`."""
+        """Returns the infos of MDP, terminations and quality, and `episode_step`, the number of steps: `(n, ...)`."""
         return {
             **self._mdp.info(self.state.mdp_state),
             **self.state.info(),
