@@ -31,6 +31,9 @@ NUM_CONTACTS = 16
 # Force from which on the arm touches something [N]; far above what differences of sums are rounded by.
 _TOUCH = 1e-6
 
+# Squared distances below which the hand rests [m^2]; the quotient of two such is 1.
+_LEAST = 1e-300
+
 # Numbers by which a sensor's history begins, before times and values: a setting of its own, and the latest place.
 _HISTORY_HEADER = 2
 
@@ -167,8 +170,7 @@ class Quality(NamedTuple):
         rest to rest has at most -ln(204.8) = -5.32.
         """
         # With control steps of one unit of time: their length cancels. At rest both are 0.
-        least = np.finfo(np.float64).tiny
-        return np.log(np.maximum(self.peak_stride, least) / np.maximum(self.steps**3 * self.squared_jerk, least))
+        return np.log(np.maximum(self.peak_stride, _LEAST) / np.maximum(self.steps**3 * self.squared_jerk, _LEAST))
 
     def info(self) -> dict[str, NDArray]:
         """Returns the infos on the quality: fresh arrays `(...)`."""

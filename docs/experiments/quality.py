@@ -31,7 +31,7 @@ TASKS = ("microwave", "kettle", "slide_cabinet", "hinge_cabinet", "light_switch"
 # Policies by domain and task, whose episodes have varied starts.
 VARIED = (
     *(("kitchen", "random_4", policy) for policy in ("expert", "trained", "random")),
-    *(("kitchen", "all", policy) for policy in ("expert", "trained")),
+    ("kitchen", "all", "expert"),
     *(("open_cabinet", "top_drawer", policy) for policy in ("expert", "trained")),
     ("microwave_table", "open", "expert"),
     ("kitchens", "open", "expert"),
@@ -51,8 +51,8 @@ MEASURES = (
 )
 
 # Rounds of the measurement of speed, and the least time of each [s].
-ROUNDS = 15
-ROUND_SECONDS = 0.5
+ROUNDS = 9
+ROUND_SECONDS = 0.3
 
 
 def score_cases() -> list[Row]:
@@ -63,7 +63,7 @@ def score_cases() -> list[Row]:
         for task in TASKS
         for policy in ("expert", "shipped")
     ]
-    return [*varied, *usual]
+    return [*usual, *varied]
 
 
 def score(case: Row) -> Row:
