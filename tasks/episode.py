@@ -6,7 +6,7 @@ make their steps with the same `Stepper`.
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 import tree
@@ -16,6 +16,7 @@ from kitchen_suite.entities.parameters import Parameter, task_parameter
 from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.pushes import Push, Pusher
+from kitchen_suite.tasks.quality import Quality, QualityReading
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Termination, Transition
 from kitchen_suite.types import Array
@@ -70,6 +71,7 @@ class EpisodeState(NamedTuple):
       variation: infos on the variation of the episode; empty if nothing varies.
       measured: the task's extra observations after the last control step, or at the reset; None if there are none.
       terminations: `(...)` by name, whether each of the task's extra terminations ended the episode in that step.
+      quality: how well the episode has been done; None if it is not measured.
     """
 
     mdp_state: Any = None
@@ -79,14 +81,16 @@ class EpisodeState(NamedTuple):
     variation: Mapping[str, Any] = {}
     measured: Measured | None = None
     terminations: Mapping[str, NDArray[np.bool_]] = {}
+    quality: Quality | None = None
 
     def scaled(self, draws: Array) -> Array:
         """Returns the draws `(..., k)` of the observation noise, scaled by the variation of sensing."""
         return draws if self.sensing is None else draws * self.sensing.noise
 
-    def termination_info(self) -> dict[str, NDArray[np.bool_]]:
-        """Returns which of the task's extra terminations ended the episode, as infos have it: fresh arrays `(...)`."""
-        return {f"termination/{name}": np.array(ended) for name, ended in self.terminations.items()}
+    def info(self) -> dict[str, NDArray]:
+        """Returns infos beside the MDP's: which extra terminations ended the episode, and its quality, `(...)` each."""
+        ended = {f"termination/{name}": np.array(ended) for name, ended in self.terminations.items()}
+        return ended if self.quality is None else {**ended, **self.quality.info()}
 
     def memory(self) -> dict[str, dict[str, Any]]:
         """Returns what a saved state holds beside the MDP's state: fresh arrays by part and field."""
@@ -99,7 +103,13 @@ class EpisodeState(NamedTuple):
     @property
     def _parts(self) -> dict[str, Any]:
         """The parts that a saved state holds beside the MDP's state, those that there are."""
-        parts = {"command": self.command, "sensing": self.sensing, "push": self.push, "measured": self.measured}
+        parts = {
+            "command": self.command,
+            "sensing": self.sensing,
+            "push": self.push,
+            "measured": self.measured,
+            "quality": self.quality,
+        }
         return {name: part for name, part in parts.items() if part is not None}
 
     def keep_fields(self, names: Sequence[str], before: Any, where: NDArray[np.bool_] | bool) -> Self:
@@ -121,6 +131,13 @@ class EpisodeState(NamedTuple):
 def map_arrays(function: Callable[..., Any], *nested: Any) -> Any:
     """Returns nested tuples and dicts of arrays with a function applied to each array; None stays None."""
     return tree.map_structure(lambda *parts: None if parts[0] is None else function(*parts), *nested)
+
+
+class QualityReader(Protocol):
+    """Reads what the quality of episodes is measured by."""
+
+    def read(self, simulation: Any) -> QualityReading:
+        """Returns the values of the last control step."""
 
 
 class Acting(NamedTuple):
@@ -153,6 +170,7 @@ class Stepper:
       pusher: makes the pushes of episodes that have any.
       observations: what the task observes beside its own.
       terminations: further reasons of the task to terminate an episode, by name.
+      meter: reads what their quality is measured by; None if it is not measured.
     """
 
     mdp: MDP
@@ -160,6 +178,7 @@ class Stepper:
     pusher: Pusher
     observations: ExtraObservations
     terminations: Mapping[str, Termination]
+    meter: QualityReader | None = None
 
     def act(self, state: EpisodeState, action: Array, draw: Array | float) -> Acting:
         """Returns targets and controls for an action, and the memories that follow.
@@ -202,9 +221,15 @@ class Stepper:
             measured = Measured(values, self.observations.noise_buffers(values))
         if self.terminations:
             terminations = self._extra_terminations(step)
+        quality = state.quality
+        if quality is not None:
+            assert self.meter is not None, "the quality of episodes is measured"
+            quality = quality.after(self.meter.read(self.simulation))
         after = mdp.rewarded(step)
         # `_replace` takes twice as long.
-        return EpisodeState(after, acting.command, acting.sensing, acting.push, state.variation, measured, terminations)
+        return EpisodeState(
+            after, acting.command, acting.sensing, acting.push, state.variation, measured, terminations, quality
+        )
 
     def _extra_terminations(self, step: Transition) -> dict[str, NDArray[np.bool_]]:
         """Returns whether `(...)` each of the extra terminations ends the episode in a step."""

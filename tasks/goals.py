@@ -26,8 +26,8 @@ from kitchen_suite.tasks.terms import end_to_end
 CRITERIA = ("original", "strict")
 
 # Tolerances of `strict`.
-_JOINT_TOLERANCES = {"hinge": 0.05, "slide": 0.01}  # Of a joint [rad, m].
-_POSITION_TOLERANCE = 0.03  # Of a free object's position [m].
+JOINT_TOLERANCES = {"hinge": 0.05, "slide": 0.01}  # Of a joint [rad, m].
+POSITION_TOLERANCE = 0.03  # Of a free object's position [m].
 _TILT_TOLERANCE = 0.2  # Of a free object's tilt [rad].
 
 Thresholds = float | Mapping[str, float]
@@ -317,9 +317,7 @@ class StrictSuccess(Success):
         types = [joint_types(goal.joints_in(scene)) for goal in goals.goals]
         self._free = [number for number, each in enumerate(types) if each == ["free"]]
         # Positions of free objects have a tolerance of their own.
-        tolerances = [
-            [np.inf] * 7 if each == ["free"] else [_JOINT_TOLERANCES[kind] for kind in each] for each in types
-        ]
+        tolerances = [[np.inf] * 7 if each == ["free"] else [JOINT_TOLERANCES[kind] for kind in each] for each in types]
         self._tolerances = np.array([tolerance for each in tolerances for tolerance in each])
 
     def within(
@@ -343,7 +341,7 @@ def _pose_ratio(pose: NDArray[np.float64], goal: NDArray[np.float64]) -> NDArray
     # The chord between the verticals, twice the sine of half their angle; quaternions may be of any length but 0.
     with np.errstate(invalid="ignore", divide="ignore"):
         chord = goal_distances(_vertical(pose[..., 3:]), _vertical(goal[..., 3:]), (0,))[..., 0]
-    return np.maximum(position / _POSITION_TOLERANCE, chord / (2.0 * np.sin(_TILT_TOLERANCE / 2.0)))
+    return np.maximum(position / POSITION_TOLERANCE, chord / (2.0 * np.sin(_TILT_TOLERANCE / 2.0)))
 
 
 def _vertical(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -33,12 +33,14 @@ class MDP(abc.ABC, Generic[Reading, State]):
       action_mode: meaning of the action.
       rewards: the terms of the reward by name; their sum is the reward.
       persistent: fields of the state that a reset leaves as they are: numbers of control steps over all episodes.
+      object_slots: places that are kept for joints of props, where props differ between episodes stepped together.
     """
 
     sensors: Sensors[Reading]
     action_mode: ActionMode
     rewards: Mapping[str, RewardTerm]
     persistent: ClassVar[Sequence[str]] = ()
+    object_slots: ClassVar[int] = 0
 
     @property
     def noise_draws(self) -> int:
@@ -148,6 +150,10 @@ class MDP(abc.ABC, Generic[Reading, State]):
     def complete(self, state: State) -> NDArray[np.bool_]:
         """Returns which tasks `(..., n)` have been completed and still are; `n` as in `task_joints`."""
         return np.zeros(0, bool)
+
+    def requested_joints(self, scene: Scene, state: State) -> Collection[mjcf.Element]:
+        """Returns the joints that an episode asks to move, given its state; by default those of all tasks."""
+        return [joint for joints in self.task_joints(scene) for joint in joints]
 
     def truncates(self, state: State) -> NDArray[np.bool_] | bool:
         """Returns whether `(...)` the last step truncated the episode, whatever its time limit; by default never."""

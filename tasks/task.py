@@ -28,6 +28,7 @@ from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.observables import GOAL_PIXELS, Computed, ExtraObservables, Pictures, joined
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PARAMETERS, Pusher
+from kitchen_suite.tasks.quality import QualityMeter
 from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
 from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
@@ -98,6 +99,7 @@ class SuiteTask(composer.Task):
       extra_size: number of their elements; from the compilation on.
       pictures: the pictures of cameras that are observed.
       pusher: makes the pushes of episodes; from the compilation on.
+      meter: measures the quality of episodes; None unless `measure_quality` was called.
       simulation: access to the fields of the physics; from the compilation on.
       random: the random state that the environment last passed to the task.
       episode: state of the present episode; arrays without leading axes, not to be written to.
@@ -128,6 +130,7 @@ class SuiteTask(composer.Task):
     random: np.random.RandomState
     extra_slices: Mapping[str, slice]
     extra_size: int
+    meter: QualityMeter | None = None
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         """Raises a TypeError if a class overrides a hook that would act in some environments alone."""
@@ -274,6 +277,13 @@ class SuiteTask(composer.Task):
         if whole != self.physics_steps_per_control_step:
             self.set_timesteps(control_timestep=float(timestep), physics_timestep=self.physics_timestep)
 
+    def measure_quality(self) -> None:
+        """Measures the quality of all episodes; to be called once, before an environment is built; see `tasks.quality`.
+
+        It must come after `use_control_timestep`, and after all entities have been attached.
+        """
+        self.meter = QualityMeter(self.scene, self.mdp, self.physics_steps_per_control_step)
+
     @property
     def root_entity(self) -> SiteArena:
         return self.scene.arena
@@ -347,6 +357,20 @@ class SuiteTask(composer.Task):
         return self.records.metrics(self.mdp.info(self.state))
 
     @property
+    def quality(self) -> dict[str, float]:
+        """The quality of the present episode by name, as infos have it; empty if it is not measured."""
+        quality = self.episode.quality
+        return {} if quality is None else {name: value.item() for name, value in quality.info().items()}
+
+    @property
+    def disturbed_objects(self) -> list[str]:
+        """Joints of the objects that the present episode has disturbed; empty if its quality is not measured."""
+        if self.meter is None or self.episode.quality is None:
+            return []
+        disturbed = self.episode.quality.disturbed.tolist()
+        return [name for name, is_disturbed in zip(self.meter.objects, disturbed, strict=True) if is_disturbed]
+
+    @property
     def episode_completions(self) -> Completions | None:
         """Tasks that the present episode asks for and has completed; None if they cannot be counted."""
         return self.records.completions(self.mdp.info(self.state))
@@ -400,13 +424,17 @@ class SuiteTask(composer.Task):
         self.random = random_state
         mdp, self.simulation = self.mdp, PhysicsSimulation(physics)
         self.pusher = Pusher.make(physics, self.scene, mdp)
-        self._stepper = Stepper(mdp, self.simulation, self.pusher, self.observations, self.extra_terminations)
+        self._stepper = Stepper(
+            mdp, self.simulation, self.pusher, self.observations, self.extra_terminations, self.meter
+        )
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
         self.variations.bind(physics)
         self._joint_columns = as_columns(physics.bind(self.robot.joints).qposadr)
         if self.extras is not None:
             self.extras.bind(physics)
+        if self.meter is not None:
+            self.meter.bind(physics)
         (self._action_size,) = self.action_spec(physics).shape
         self.bind(physics)
         self._start(physics, np.zeros(mdp.noise_draws))
@@ -511,6 +539,8 @@ class SuiteTask(composer.Task):
             self.simulation.evaluate()
             values = self.observations.measure(self.simulation, state, ())
             episode = episode._replace(measured=Measured(values, self.observations.noise_buffers(values)))
+        if self.meter is not None:
+            episode = episode._replace(quality=self.meter.start(physics, self.simulation, state))
         self._set_episode(episode if before is None else episode.keep_fields(mdp.persistent, before, True), physics)
         self.start_command(physics)
 

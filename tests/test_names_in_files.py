@@ -85,7 +85,7 @@ READERS = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 @pytest.mark.parametrize("kind", NAMES)
 @pytest.mark.parametrize("reader", READERS)
 def test_no_command_imports_what_a_file_names(place, reader, kind):
@@ -108,7 +108,7 @@ def test_a_specification_from_a_file_names_no_code(place, kind, monkeypatch):
     assert not (place / "imported").exists()
 
 
-@pytest.mark.thorough
+@pytest.mark.full
 def test_what_is_named_as_custom_is_imported(place):
     """As the error advises."""
     forge_recording(place, **NAMES["robot"])

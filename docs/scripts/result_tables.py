@@ -911,6 +911,56 @@ def comparison_shipped() -> str:
     )
 
 
+def quality_table(starts: str) -> str:
+    """Returns the table of the quality of episodes with `varied` or with `usual` starts."""
+    rows = []
+    for row in read_results("quality_scores"):
+        if row["starts"] != starts:
+            continue
+        intervals = row["intervals"]
+        rates = (_rate(row[name], intervals[name]) for name in ("success", "clean_success"))
+        others = (f"{row[name]:.2f}" for name in ("objects_disturbed", "stray_contacts"))
+        forces = (f"{row[name]:.0f}" for name in ("peak_arm_contact_force", "peak_contact_force", "energy"))
+        path = (f"{row['path_length']:.2f}", f"{row['log_dimensionless_jerk']:.1f}", f"{row['control_steps']:.0f}")
+        where = (row["task"],) if starts == "usual" else (row["domain"], f"`{row['task']}`")
+        rows.append((*where, row["policy"], *rates, *others, *forces, *path))
+    header = (
+        *(("task",) if starts == "usual" else ("domain", "task")),
+        *("policy", "success", "clean success", "objects disturbed", "stray contacts", "peak on the arm [N]"),
+        *("peak on the hand [N]", "energy [J]", "path [m]", "smoothness", "control steps"),
+    )
+    return markdown(header, rows)
+
+
+def _rate(value: float, interval: Sequence[float]) -> str:
+    """Returns a rate with its interval."""
+    low, high = interval
+    return f"{value:.2f} ({low:.2f} to {high:.2f})"
+
+
+def quality_object_table() -> str:
+    """Returns the table of the objects that the expert disturbs."""
+    rows = [
+        (
+            row["domain"],
+            f"`{row['task']}`",
+            ", ".join(f"{name} ({count})" for name, count in row["objects"].items()) or "none",
+            f"{row['stray_contacts']} of {row['episodes']}",
+        )
+        for row in read_results("quality_objects")
+    ]
+    return markdown(("domain", "task", "disturbed (episodes)", "episodes with stray contacts"), rows)
+
+
+def quality_speed_table() -> str:
+    """Returns the table of the speed of environments that measure quality."""
+    rows = [
+        (row["domain"], row["physics"], row["environments"], f"{row['ratio']:.2f}")
+        for row in read_results("quality_speed")
+    ]
+    return markdown(("domain", "physics", "environments", "speed with quality"), rows)
+
+
 RESULT_TABLES: dict[str, Callable[[], str]] = {
     "control_modes_tracking": tracking_table,
     "control_modes_speed": control_speed_table,
@@ -925,6 +975,10 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "variations_layouts": layout_table,
     "variations_speed": variation_speed_table,
     "evaluation_results": evaluation_table,
+    "quality_varied": functools.partial(quality_table, "varied"),
+    "quality_usual": functools.partial(quality_table, "usual"),
+    "quality_objects": quality_object_table,
+    "quality_speed": quality_speed_table,
     "evaluation_goals": goals_table,
     "evaluation_shift": shift_table,
     "evaluation_summary": summary_table,

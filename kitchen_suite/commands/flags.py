@@ -25,7 +25,15 @@ _MAX_WIDTH = 1920
 _MAX_HEIGHT = 1440
 
 # Flags that are arguments of the task's Gymnasium environment, beside `task_kwargs`.
-_ENVIRONMENT_FLAGS = ("physics", "obs_type", "control_mode", "control_timestep", "variations", "variation_split")
+_ENVIRONMENT_FLAGS = (
+    "physics",
+    "obs_type",
+    "control_mode",
+    "control_timestep",
+    "variations",
+    "variation_split",
+    "quality",
+)
 
 
 class PathParser(flags.ArgumentParser[Path]):
@@ -156,6 +164,8 @@ def task(
     flags.DEFINE_string("variations", None, f"{groups}.", values)
     splits = ("seen", "held_out")
     flags.DEFINE_enum("variation_split", None, splits, f"Distributions of the groups; else {unset}.", values)
+    quality = "Measure forces, disturbed objects, energy and smoothness (docs/guide/quality.md)"
+    flags.DEFINE_boolean("quality", None, f"{quality}; else {unset}.", values)
 
 
 def environment_kwargs(given: flags.FlagValues) -> dict[str, Any]:

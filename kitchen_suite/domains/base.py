@@ -175,6 +175,7 @@ class Domain:
         render_quality: str | None = "high",
         physics: str | None = None,
         control_timestep: float | None = None,
+        quality: bool = False,
         environment_kwargs: Mapping[str, Any] | None = None,
         **arguments: Any,
     ) -> "Environment":
@@ -195,6 +196,7 @@ class Domain:
             domain's when omitted.
           control_timestep: length of a control step [s], a whole number of physics steps; the domain's when omitted.
             The default `time_limit` stays as many control steps.
+          quality: whether the task measures how well episodes are done, as its `quality`; see docs/guide/quality.md.
           environment_kwargs: further arguments of `Environment`.
           **arguments: of the functions `scene` and `task`; docs/guide/arguments.md lists those of each domain.
 
@@ -215,6 +217,8 @@ class Domain:
         given = environment_kwargs or {}
         if control_timestep is not None and given.get("n_sub_steps") is not None:
             raise ValueError("control_timestep and n_sub_steps both set the control step: leave out n_sub_steps")
+        if checks.boolean(quality, "quality") and given.get("n_sub_steps") is not None:
+            raise ValueError("quality is not measured with n_sub_steps: set control_timestep instead")
         of_scene = {name for name, argument in known.items() if argument.owner == "scene"}
         # A scene without an argument `visuals` is always built with what pictures show.
         shared = {"visuals": visuals, **arguments}
@@ -224,6 +228,8 @@ class Domain:
         task = self.resolve("task")(scene, **task_arguments)
         if control_timestep is not None:
             task.use_control_timestep(control_timestep)
+        if quality:
+            task.measure_quality()
         limit = self.episode_steps * task.control_timestep if time_limit == "default" else time_limit
         limit = math.inf if limit is None else checks.number(limit, "time_limit", positive=True)
         names = {*signatures.names(Environment, *Environment.__bases__)} - {"task", "time_limit", "random_state"}
@@ -248,6 +254,7 @@ class Domain:
             "render_quality": render_quality,
             "physics": physics,
             "control_timestep": control_timestep,
+            "quality": quality,
             "episode_seeds": episode_seeds,
             "environment_kwargs": environment_kwargs,
         }

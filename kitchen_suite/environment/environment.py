@@ -23,7 +23,14 @@ from kitchen_suite.environment.physics import Physics
 from kitchen_suite.environment.private_names import check_private_names
 from kitchen_suite.environment.random_states import checked_random, first_seed, make_random_state
 from kitchen_suite.environment.seeds import NEXT_SEED, UNKNOWN, checked_next_seed, checked_stride, known
-from kitchen_suite.environment.states import ASLEEP, INTEGRATION_STATE, check_sleep, shared_elements, write_sleep
+from kitchen_suite.environment.states import (
+    ASLEEP,
+    INTEGRATION_STATE,
+    check_sleep,
+    initial_state,
+    shared_elements,
+    write_sleep,
+)
 from kitchen_suite.environment.updater import UnbufferedUpdater
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.task import SuiteTask
@@ -330,7 +337,7 @@ class Environment(composer.Environment):
         # The task goes first: it may change the model, from which mj_step1 then computes.
         self._task.set_state(state["task"])
         model, data = self._physics.model.ptr, self._physics.data.ptr
-        whole = np.zeros(self._is_shared.size)
+        whole = self._initial_physics.copy()
         whole[self._is_shared] = state["physics"]
         mujoco.mj_setState(model, data, whole, INTEGRATION_STATE)
         if self._task.scene.sleeps:
@@ -399,6 +406,7 @@ class Environment(composer.Environment):
             self._physics.use_names(self._further_names)
         self._physics.legacy_step = self._legacy_step
         self._is_shared = shared_elements(self._physics.model.ptr)
+        self._initial_physics = initial_state(self._physics.model.ptr)
         self._compiled_mjcf = MjcfSnapshot(root)
 
     def _make_observation_updater(self) -> UnbufferedUpdater:

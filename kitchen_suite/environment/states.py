@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY
+from kitchen_suite.tasks.quality import SENSOR_PREFIX
 
 INTEGRATION_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 """The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""
@@ -16,16 +17,31 @@ ASLEEP = "asleep"
 
 
 def shared_elements(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """Returns which elements of MuJoCo's state vector a scene has with and without visuals.
+    """Returns which elements of MuJoCo's state vector are saved: those that a scene has with and without visuals.
 
-    Forces on bodies that hold only visual geoms are not among them: a scene without visuals has no such bodies.
+    Forces on bodies that hold only visual geoms are not among them: a scene without visuals has no such bodies. Neither
+    is the history of the sensors of quality, which the next control step replaces.
     """
     is_shared = np.ones(mujoco.mj_stateSize(model, INTEGRATION_STATE), bool)
     # Six numbers for each body, after the parts of the lower flags: MuJoCo concatenates in the flags' order.
     start = mujoco.mj_stateSize(model, int(INTEGRATION_STATE) & (int(mujoco.mjtState.mjSTATE_XFRC_APPLIED) - 1))
     forces = is_shared[start : start + 6 * model.nbody].reshape(model.nbody, 6)
     forces[:] = [[not model.body(i).name.endswith(VISUAL_BODY)] for i in range(model.nbody)]
+    history = mujoco.mj_stateSize(model, int(INTEGRATION_STATE) & (int(mujoco.mjtState.mjSTATE_HISTORY) - 1))
+    ends = [*model.sensor_historyadr[model.sensor_historyadr >= 0].tolist(), model.nhistory]
+    for i in np.flatnonzero(model.sensor_historyadr >= 0).tolist():
+        if model.sensor(i).name.startswith(SENSOR_PREFIX):
+            start = model.sensor_historyadr[i]
+            end = min(each for each in ends if each > start)
+            is_shared[history + start : history + end] = False
     return is_shared
+
+
+def initial_state(model: mujoco.MjModel) -> NDArray[np.float64]:
+    """Returns the elements of MuJoCo's state vector before anything has happened."""
+    state = np.empty(mujoco.mj_stateSize(model, INTEGRATION_STATE))
+    mujoco.mj_getState(model, mujoco.MjData(model), state, INTEGRATION_STATE)
+    return state
 
 
 def moving_elements(model: mujoco.MjModel) -> slice:

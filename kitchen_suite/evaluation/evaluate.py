@@ -19,8 +19,9 @@ from kitchen_suite.episodes.cluster import Cluster
 from kitchen_suite.episodes.episode import EpisodeBuffer, Waiting, Watch
 from kitchen_suite.episodes.play import Controller, SingleRollout, VectorEpisode, VectorRollout, make_controller
 from kitchen_suite.episodes.report import TABLE_FORMATS, EpisodeBar, paragraph, print_line
-from kitchen_suite.episodes.spec import EpisodeSpec, even_count, reset_to_seed
+from kitchen_suite.episodes.spec import EpisodeSpec, even_count, merged_kwargs, reset_to_seed
 from kitchen_suite.evaluation import criteria, receipts, tables
+from kitchen_suite.evaluation import quality as episode_quality
 from kitchen_suite.evaluation.confirmed import format_changes
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, check_robot, make_plan
@@ -83,6 +84,7 @@ def evaluate(
     domain_name: str = "kitchen",
     task_name: str | None = None,
     task_kwargs: Mapping[str, Any] | None = None,
+    quality: bool = False,
     seed: int | None = None,
     num_episodes: int | None = None,
     max_episode_steps: int | None = None,
@@ -108,6 +110,7 @@ def evaluate(
       domain_name: of the environments.
       task_name: replaces the protocol's task.
       task_kwargs: arguments of the environments, which replace those of the protocol.
+      quality: whether to measure how well episodes are done, `clean_success` among others; see docs/guide/quality.md.
       seed: of the first episode of each condition; the protocol's when None.
       num_episodes: of each condition; the protocol's when None.
       max_episode_steps: control steps after which an episode ends; the protocol's when None.
@@ -135,10 +138,11 @@ def evaluate(
         raise ValueError("an evaluation of an object is not resumed: nothing says that it is the same policy")
     if receipt is not None and not Path(receipt).absolute().parent.is_dir():
         raise FileNotFoundError(f"there is no folder {str(Path(receipt).parent)!r} for the receipt")
+    kwargs = merged_kwargs(task_kwargs or {}, {"quality": checks.boolean(quality, "quality") or None})
     replaced = Replaced(
         domain_name=domain_name,
         task_name=task_name,
-        task_kwargs=task_kwargs or {},
+        task_kwargs=kwargs,
         seed=seed,
         num_episodes=num_episodes,
         max_episode_steps=max_episode_steps,
@@ -306,7 +310,8 @@ def play(
         if recorder and measures:
             states = recorder.observations(episode)[:, criteria.STATE]
             goals = np.array(reset.get(GOAL_STATES, ()))
-            result = dataclasses.replace(result, measures={key: of(states, goals) for key, of in measures.items()})
+            own = {key: of(states, goals) for key, of in measures.items()}
+            result = dataclasses.replace(result, measures={**own, **result.measures})
         yield result, trace if recorded else None
 
 
@@ -314,9 +319,17 @@ def _result(task: SuiteTask, spec: EpisodeSpec, episode: VectorEpisode, key: Map
     """Returns the result of an episode; of one whose physics has diverged that of its start, as a failure."""
     if not episode.diverged:
         infos = episode.last_info
-        return EpisodeResult.of(task, infos, control_steps=int(infos["episode_step"]), **key)
+        result = EpisodeResult.of(task, infos, control_steps=int(infos["episode_step"]), **key)
+        return _with_quality(result, spec, infos)
     with contextlib.closing(spec.make_environment()) as environment:
         _, infos = reset_to_seed(environment, key["seed"], spec.seeding, key["reset"])
         task = suite_env(environment).composer_task
         result = EpisodeResult.of(task, infos, control_steps=spec.max_episode_steps, diverged=True, **key)
-    return dataclasses.replace(result, success=False)
+    return _with_quality(dataclasses.replace(result, success=False), spec, infos)
+
+
+def _with_quality(result: EpisodeResult, spec: EpisodeSpec, infos: Mapping[str, Any]) -> EpisodeResult:
+    """Returns a result with the measures of the episode's quality, where it is measured, from its last infos."""
+    if not spec.argument("quality"):
+        return result
+    return dataclasses.replace(result, measures=episode_quality.measures(result.success, infos))

@@ -17,7 +17,7 @@ from kitchen_suite.entities.arms import FRANKA, ROBOTS
 from kitchen_suite.episodes.episode import unflatten
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
-from kitchen_suite.evaluation import criteria
+from kitchen_suite.evaluation import criteria, quality
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Measure, Protocol, Score, domain_protocols
 from kitchen_suite.evaluation.scores import MAX_SEED
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -80,6 +80,11 @@ class EvaluationPlan:
     def measures(self) -> dict[str, Mapping[str, Measure]]:
         """Further measures of episodes, by condition."""
         return {name: condition.measures for name, condition in self.conditions.items()}
+
+    @property
+    def measure_names(self) -> dict[str, list[str]]:
+        """Names of the measures of an episode's result, those of its quality included, by condition."""
+        return {name: [*own, *quality.measured(self.specs[name])] for name, own in self.measures.items()}
 
     @property
     def score(self) -> Score | None:
@@ -291,7 +296,11 @@ def _tasks_of(task_name: str | None, task_kwargs: Mapping[str, Any]) -> tuple[An
 def _values(plan: EvaluationPlan) -> dict[str, Any]:
     values = plan.description
     for condition in values["conditions"].values():
-        condition["task_kwargs"].pop("extra_observables", None)
+        kwargs = condition["task_kwargs"]
+        kwargs.pop("extra_observables", None)
+        # Measures what happens, and changes nothing of it.
+        if kwargs.get("quality"):
+            del kwargs["quality"]
         del condition["policy_sha256"]
     names = ("seed", "num_episodes", "max_episode_steps")
     return {**{name: values[name] for name in names}, "conditions": [*values["conditions"].items()]}

@@ -225,6 +225,13 @@ _PROTOCOLS = (
         max_episode_steps=400,
     ),
     Protocol(
+        name="clean",
+        follows="as default; score: clean success, with nothing else disturbed, and no more than 10 N on the bare arm",
+        conditions=(Condition(task_kwargs={"variations": ["start"], "quality": True}),),
+        num_episodes=200,
+        is_general=True,
+    ),
+    Protocol(
         name="diffusion-policy",
         follows="Chi et al. 2023, by their code: all 7 tasks count, noise 0.1, position actions; score: mean tasks / 7",
         # Their code scales the noise of robot and objects by its one `robot_noise_ratio`.

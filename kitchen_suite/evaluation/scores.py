@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from kitchen_suite import files
+from kitchen_suite.evaluation import quality
 from kitchen_suite.evaluation.protocols import Score
 from kitchen_suite.tasks.task import SuiteTask
 
@@ -169,7 +170,9 @@ def score_episodes(results: Sequence[EpisodeResult], score: Score | None = None)
         measured["mean_progress"] = mean([result.progress for result in results])
     for name, example in results[0].measures.items():
         values = [result.measures[name] for result in results]
-        measured[name] = rate(values) if isinstance(example, bool) else mean(values)
+        measured[name] = (
+            rate(values) if isinstance(example, bool) else mean(values, low=quality.INFOS.get(name, -math.inf))
+        )
     measured["success"] = rate([result.success for result in results])
     measured["control_steps"] = mean([result.control_steps for result in results])
     return {

@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from kitchen_suite.episodes.report import counted, paragraph, table
+from kitchen_suite.evaluation import quality
 from kitchen_suite.evaluation.plan import EvaluationPlan
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.policies import PolicyRef
 
 # Beginnings of the names of scores that are means in a unit of their own; all others are rates.
-_MEANS = ("mean_", "control_steps", "score", "d4rl_score", "subtasks")
+_MEANS = ("mean_", "control_steps", "score", "d4rl_score", "subtasks", *quality.INFOS)
 _ENTROPY = "order entropy [bit]"
 _INTERVAL = "95 % interval"
 

@@ -208,8 +208,8 @@ def _problem(plan: EvaluationPlan, name: str, index: int, result: EpisodeResult,
     numbers = [result.progress, *result.measures.values()]
     if not (np.isfinite(numbers).all() and np.isfinite(trace.actions).all()):
         return "has numbers that are not finite"
-    if result.measures.keys() != plan.measures[name].keys():
-        return f"is measured by {[*result.measures]}, not by {[*plan.measures[name]]}"
+    if [*result.measures] != plan.measure_names[name]:
+        return f"is measured by {[*result.measures]}, not by {plan.measure_names[name]}"
     return "has actions twice" if result.trace else ""
 
 

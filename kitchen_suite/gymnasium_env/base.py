@@ -105,6 +105,7 @@ class SuiteEnv(gymnasium.Env):
         render_quality: str | None = None,
         physics: str | None = None,
         control_timestep: float | None = None,
+        quality: bool = False,
         obs_type: str | None = None,
         action_limit: float | None = None,
         episode_seeds: bool | int = False,
@@ -132,6 +133,8 @@ class SuiteEnv(gymnasium.Env):
           physics: `exact` or `fast`; the domain's when omitted; see `Domain.load`. With `fast`, infos have `physics`.
           control_timestep: length of a control step [s]; the domain's when omitted; see `Domain.load`. Where it is
             another one, infos have `control_timestep`. Step limits stay as many control steps.
+          quality: whether infos also say how well the episode has been done up to now: contact forces, objects that
+            nobody asked to move, energy, and the path of the hand; see docs/guide/quality.md.
           obs_type: observation type, such as `state` or `pixels_agent_pos`; the first of `obs_types` when omitted.
           action_limit: bound of the action space, for agents that need a finite one, to which actions are clipped; of
             control modes without bounds of their own. The space is unbounded when omitted.
@@ -180,6 +183,7 @@ class SuiteEnv(gymnasium.Env):
             render_quality=render_quality,
             physics=physics,
             control_timestep=control_timestep,
+            quality=quality,
             environment_kwargs=self.environment_options,
             **options,
         )
@@ -337,7 +341,7 @@ class SuiteEnv(gymnasium.Env):
         sentence = {INSTRUCTION: self.instruction} if self.has_instructions else {}
         return {
             **self._get_info(),
-            **task.episode.termination_info(),
+            **task.episode.info(),
             **variation,
             **self._physics_info,
             **timestep,

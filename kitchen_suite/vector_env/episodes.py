@@ -94,7 +94,12 @@ class BatchEpisodes:
         self._moving = [moving_elements(model) for model in models]
         self.batch, self.simulation = make_simulations([each.physics for each in environments], threads)
         self._stepper = Stepper(
-            self._mdp, self.simulation, self._task.pusher, self._observations, self._task.extra_terminations
+            self._mdp,
+            self.simulation,
+            self._task.pusher,
+            self._observations,
+            self._task.extra_terminations,
+            _joined([each.task.meter for each in distinct]),
         )
         randomizer = self._task.variations.randomizer
         self._model_fields: dict[str, Any] = {
@@ -289,10 +294,10 @@ class BatchEpisodes:
         return tuple(state[moving].copy() for state, moving in zip(self.batch.state, self._moving, strict=True))
 
     def info(self) -> dict[str, Any]:
-        """Returns the infos of MDP and terminations, and the number of steps as `episode_step`: fresh `(n, ...)`."""
+        """Returns the infos of MDP, terminations and quality, and `episode_step`, the number of steps: `(n, ...)`."""
         return {
             **self._mdp.info(self.state.mdp_state),
-            **self.state.termination_info(),
+            **self.state.info(),
             "episode_step": self.steps.copy(),
         }
 

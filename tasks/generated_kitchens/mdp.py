@@ -16,9 +16,9 @@ import tree
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.fixtures import PART_KINDS
+from kitchen_suite.entities.fixtures import PART_KINDS, Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
-from kitchen_suite.entities.scenes import robot_base
+from kitchen_suite.entities.scenes import Scene, robot_base
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.mdp import MDP
@@ -370,6 +370,8 @@ class GeneratedKitchenMDP(MDP[SlotReading, GeneratedKitchenState]):
     is_dense: bool = False
     terminates_when_complete: bool = True
 
+    object_slots = MAX_PARTS
+
     @property
     def noise_draws(self) -> int:
         return NOISE_SIZE
@@ -432,6 +434,11 @@ class GeneratedKitchenMDP(MDP[SlotReading, GeneratedKitchenState]):
             "hand_pose": _single(_hand_pose),
             "slots": _single(lambda state: _observed_slots(state, self.num_slots)),
         }
+
+    def requested_joints(self, scene: Scene, state: GeneratedKitchenState) -> list[mjcf.Element]:
+        assert isinstance(scene, GeneratedKitchen), "sensors and slots are of such a kitchen"
+        asked = zip(scene.parts, state.requested.tolist(), strict=False)
+        return [joint for (name, part), is_asked in asked if is_asked for joint in _joints_of(scene, name, part)]
 
     def terminates(self, state: GeneratedKitchenState) -> NDArray[np.bool_]:
         return self.all_completed(state) & self.terminates_when_complete
@@ -512,6 +519,12 @@ def noise_scale(*, robot_ratio: float, object_ratio: float) -> Array:
     scale[_NOISE["handles"]] = object_ratio * _HANDLE_AMPLITUDE
     scale[_NOISE["openings"]] = object_ratio * _OPENING_AMPLITUDE
     return scale
+
+
+def _joints_of(scene: GeneratedKitchen, name: str, part: Part) -> tuple[mjcf.Element, ...]:
+    """Returns the joint of a part of a prop of some name; a part without a joint of its own is the free prop."""
+    prop = scene.props[name]
+    return prop.joints if part.joint is None else (prop.mjcf_model.find("joint", part.joint),)
 
 
 def _measured(slots: Slots, reading: SlotReading) -> dict[str, Any]:

@@ -315,6 +315,10 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def task_joints(self, scene: Scene) -> list[tuple[mjcf.Element, ...]]:
         return [goal.joints_in(scene) for goal in self.goals.goals]
 
+    def requested_joints(self, scene: Scene, state: KitchenState) -> list[mjcf.Element]:
+        asked = zip(self.task_joints(scene), (state.requested_order >= 0).tolist(), strict=True)
+        return [joint for joints, is_asked in asked if is_asked for joint in joints]
+
     def complete(self, state: KitchenState) -> NDArray[np.bool_]:
         return state.progress.within & state.progress.completed
 

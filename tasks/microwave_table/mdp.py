@@ -7,8 +7,10 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
+from dm_control import mjcf
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.sensors import FeatureSensors
@@ -116,6 +118,9 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
     def _part(place: slice) -> Callable[[Simulation, Any], NDArray[np.float32]]:
         """Returns the function that reads the part at a place."""
         return lambda simulation, state: state.observation[..., place].astype(np.float32)
+
+    def requested_joints(self, scene: Scene, state: MicrowaveTableState) -> tuple[mjcf.Element, ...]:
+        return scene.joints("microwave")
 
     def terminates(self, state: MicrowaveTableState) -> NDArray[np.bool_]:
         return np.zeros(state.is_success.shape, bool)

@@ -100,7 +100,11 @@ class Features:
 
 
 class OpenCabinetSensors(FeatureSensors):
-    """Sensors of robot, handle and drawer, in the order of `FEATURE_INDICES`."""
+    """Sensors of robot, handle and drawer, in the order of `FEATURE_INDICES`.
+
+    Attributes:
+      slide: joint of the drawer.
+    """
 
     def __init__(self, scene: OpenCabinetScene, drawer: str) -> None:
         """Adds the sensors.
@@ -110,7 +114,8 @@ class OpenCabinetSensors(FeatureSensors):
           drawer: `top` or `bottom`.
         """
         super().__init__(scene.arena.mjcf_model, scene.robot)
-        joints, slide = scene.robot.joints, (scene.cabinet.drawer_joint(drawer),)
+        joints = scene.robot.joints
+        self.slide = scene.cabinet.drawer_joint(drawer)
         gripper, handle = scene.robot.end_effector, scene.cabinet.handle_site(drawer)
         left_pad, right_pad = scene.robot.pads
         self.add_joints("joint_positions", "jointpos", joints)
@@ -121,8 +126,8 @@ class OpenCabinetSensors(FeatureSensors):
         self.add_frame("handle_quaternion", "framequat", handle)
         self.add_frame("left_pad_height", "framepos", left_pad, _HEIGHT)
         self.add_frame("right_pad_height", "framepos", right_pad, _HEIGHT)
-        self.add_joints("drawer_position", "jointpos", slide)
-        self.add_joints("drawer_velocity", "jointvel", slide)
+        self.add_joints("drawer_position", "jointpos", (self.slide,))
+        self.add_joints("drawer_velocity", "jointvel", (self.slide,))
 
     def bind(self, physics: mjcf.Physics) -> None:
         super().bind(physics)

@@ -6,8 +6,10 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from dm_control import mjcf
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.open_cabinet.features import FEATURE_INDICES, Features, OpenCabinetSensors, scalars
 from kitchen_suite.tasks.open_cabinet.observation import LIMIT, ROBOT_KEYS, SIZE, SLICES, clipped, observe
@@ -181,6 +183,9 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
     def corrupted(self, key: str, clean: NDArray, state: OpenCabinetState) -> NDArray:
         place = self.noisy_observations.get(key)
         return clean if place is None else state.noisy_observation[..., place]
+
+    def requested_joints(self, scene: Scene, state: OpenCabinetState) -> tuple[mjcf.Element, ...]:
+        return (self.sensors.slide,)
 
     def terminates(self, state: OpenCabinetState) -> NDArray[np.bool_]:
         return state.terminates

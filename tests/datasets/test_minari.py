@@ -192,3 +192,13 @@ def test_the_environment_is_recovered_where_the_suite_is_not_imported_yet(make, 
     environment = minari.load_dataset(ID).recover_environment()
     assert environment.spec.max_episode_steps == 5
     assert environment.unwrapped.info_format == "arrays"
+
+
+def test_the_quality_of_episodes_is_kept(make):
+    status, _, error = make("--domain_name=microwave_table", "--quality")
+    assert status == 0, error
+    for episode in minari.load_dataset(ID):
+        energy = episode.infos["energy"]
+        assert energy.shape == (6,)
+        assert energy[0] == 0.0
+        assert (np.diff(energy) > 0.0).all()

@@ -14,7 +14,7 @@ from docs_scripts import DOCS, load_script
 from kitchen_suite.environment import INTEGRATION_STATE
 from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.full
 
 FLAGS = ("--num_envs=1,3", "--num_threads=1,2", "--rounds=2", "--minutes=0.01")
 KINDS = ("kitchen: vectorised", "kitchen: vectorised, fast physics", "open_cabinet: vectorised")

@@ -221,7 +221,7 @@ def test_a_designs_digest_does_not_depend_on_its_name():
     assert certificates.design_digest(named) == certificates.design_digest(design)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_interrupt_of_several_processes_keeps_what_is_finished_and_ends_them(tmp_path):
     """Of a signal to the program alone, as a batch system sends it."""
     program = tmp_path / "program.py"

@@ -47,6 +47,7 @@ LONG = ("beso", "calvin", "earl", "goal-reaching", "lexa")
 LITERAL = {
     "default": ([("random_4", {"variations": ["start"]})], 400_000_000, 200, 280, None),
     "strict": ([("random_4", {"variations": ["start"], "success": "strict"})], 400_000_000, 200, 400, None),
+    "clean": ([("random_4", {"variations": ["start"], "quality": True})], 400_000_000, 200, 280, None),
     # diffusion_policy/config/task/kitchen_lowdim_abs.yaml and env_runner/kitchen_lowdim_runner.py: test_start_seed,
     # n_test, max_steps, abs_action, robot_noise_ratio (which env/kitchen scales the objects' noise by as well), / 7.
     "diffusion-policy": (
@@ -323,7 +324,7 @@ def test_every_protocol_says_whom_it_follows():
 
 @pytest.mark.parametrize("name", ["strict", "diffusion-policy", "d4rl", "lexa", "random-4"])
 def test_a_protocol_of_the_kitchen_is_refused_elsewhere(name):
-    expected = rf"protocol '{name}' is not for domain 'open_cabinet'; choose from \['default', 'shift'\]"
+    expected = rf"protocol '{name}' is not for domain 'open_cabinet'; choose from \['default', 'clean', 'shift'\]"
     with pytest.raises(ValueError, match=expected):
         find_protocol(name, "open_cabinet")
 

@@ -1,0 +1,99 @@
+"""Quality in evaluations, recordings and commands: measures, clean success, the protocol `clean`."""
+
+import json
+
+import numpy as np
+import pytest
+from helpers.sweeps import brief
+
+import kitchen_suite
+from kitchen_suite import EnvironmentSpec, suite
+from kitchen_suite.commands import evaluate as evaluate_command
+from kitchen_suite.commands import record, replay, rollout
+from kitchen_suite.episodes.recording import Recording
+from kitchen_suite.evaluation import quality
+from kitchen_suite.evaluation.quality import CLEAN_SUCCESS, INFOS, STRAY_FORCE
+from kitchen_suite.policies import PolicyRef
+
+SHORT = {"num_episodes": 2, "num_envs": 2, "num_threads": 1, "max_episode_steps": 4}
+MEASURES = {CLEAN_SUCCESS, *INFOS}
+
+
+def infos(**others):
+    return {**{name: np.array(0.0) for name in INFOS}, "is_success": np.array(True), **others}
+
+
+def test_clean_success_needs_success_nothing_disturbed_and_little_force_on_the_arm():
+    assert quality.measures(True, infos())[CLEAN_SUCCESS]
+    assert quality.measures(True, infos(peak_arm_contact_force=np.array(STRAY_FORCE)))[CLEAN_SUCCESS]
+    # The hand may press as hard as it likes.
+    assert quality.measures(True, infos(peak_contact_force=np.array(1e6)))[CLEAN_SUCCESS]
+    assert not quality.measures(False, infos())[CLEAN_SUCCESS]
+    assert not quality.measures(True, infos(objects_disturbed=np.array(1)))[CLEAN_SUCCESS]
+    above = np.array(np.nextafter(STRAY_FORCE, np.inf))
+    assert not quality.measures(True, infos(peak_arm_contact_force=above))[CLEAN_SUCCESS]
+
+
+@pytest.mark.parametrize("domain", brief(suite.DOMAINS, ["kitchen", "open_cabinet"], suite.DOMAINS))
+def test_every_domain_is_scored_by_the_protocol_clean(domain):
+    evaluation = kitchen_suite.evaluate("random", protocol="clean", domain_name=domain, **SHORT)
+    assert evaluation.scores.keys() >= MEASURES
+    assert evaluation.scores["intervals"].keys() >= MEASURES
+    assert evaluation.scores["energy"] > 0.0
+
+
+def test_quality_adds_measures_to_other_scores_and_replaces_nothing_of_the_protocol():
+    plain = kitchen_suite.evaluate("random", **SHORT)
+    measured = kitchen_suite.evaluate("random", quality=True, **SHORT)
+    assert not plain.scores.keys() & MEASURES
+    assert {name: value for name, value in measured.scores.items() if name in plain.scores and name != "intervals"} == {
+        name: value for name, value in plain.scores.items() if name != "intervals"
+    }
+    assert measured.plan.replaced == plain.plan.replaced == ["num_episodes", "max_episode_steps"]
+    for one in measured.results["random_4"]:
+        assert one.measures.keys() == MEASURES
+    without = kitchen_suite.evaluate("random", protocol="clean", task_kwargs={"quality": False}, **SHORT)
+    assert "conditions" in without.plan.replaced
+
+
+def test_measures_are_those_of_the_episode_that_its_seed_plays_alone():
+    evaluation = kitchen_suite.evaluate("random", quality=True, seed=3, **SHORT)
+    spec = EnvironmentSpec.make("kitchen", "random_4", {"quality": True, "variations": ["start"]}, 4)
+    for episode in kitchen_suite.play(spec, "random", seeds=[3, 4]):
+        assert episode.arrays["info/energy"].shape == (5,)
+        assert episode.arrays["info/energy"][0] == 0.0
+        assert (np.diff(episode.arrays["info/energy"]) > 0.0).all()
+        measures = evaluation.results["random_4"][episode.index].measures
+        assert {name: measures[name] for name in INFOS} == {name: float(episode.last_info[name]) for name in INFOS}
+
+
+def test_a_receipt_with_quality_is_checked(run, folder):
+    flags = ["--policy=random", "--num_episodes=2", "--max_episode_steps=3", "--num_threads=1"]
+    status, output, _ = run(evaluate_command, "--quality", *flags, "--receipt=r.npz", "--json=r.json")
+    assert status == 0
+    assert "clean success" in output
+    assert json.loads((folder / "r.json").read_text("utf-8")).keys() >= MEASURES
+    status, output, _ = run(replay, "r.npz", "--num_threads=1")
+    assert status == 0
+    assert "all numbers are equal" in output
+
+
+@pytest.mark.parametrize("domain", brief(suite.DOMAINS, ["microwave_table"], suite.DOMAINS))
+def test_recordings_keep_the_quality_and_replay(domain, run, folder):
+    flags = [f"--domain_name={domain}", "--num_episodes=1", "--max_episode_steps=3", "--quality", "--num_threads=1"]
+    assert run(record, "--output=episodes", *flags)[0] == 0
+    arrays = Recording.open(folder / "episodes").load(0).arrays
+    for name in INFOS:
+        assert arrays[f"info/{name}"].shape == (4,)
+    assert run(replay, "episodes")[0] == 0
+
+
+def test_a_rollout_with_quality_writes_it(run, folder):
+    flags = ["--domain_name=microwave_table", "--num_episodes=1", "--max_episode_steps=3", "--output=episodes"]
+    assert run(rollout, "--quality", *flags)[0] == 0
+    assert "info/energy" in Recording.open(folder / "episodes").load(0).arrays
+
+
+def test_a_specification_without_quality_measures_nothing():
+    spec = EnvironmentSpec.make("kitchen", "kettle", {}).episodes(PolicyRef.parse("zero"), seed=0)
+    assert quality.measured(spec) == ()
