@@ -158,7 +158,7 @@ def drawer_table() -> str:
     (processors,) = {row["processors"] for row in runs}
     rows = [
         (
-            f"`kitchen-train --domain_name=open_cabinet`, {len(runs)} seeds",
+            f"`kitchen-train --domain_name=open_cabinet --output=runs`, {len(runs)} seeds",
             f"{processors} processors",
             f"{min(seconds):.0f} to {max(seconds):.0f}",
             f"{min(successes) / episodes:.0%} to {max(successes) / episodes:.0%}",
