@@ -259,15 +259,16 @@ class QualityMeter:
         ends = np.cumsum([each.size for each in places]).tolist()
         self._parts = [slice(end - each.size, end) for end, each in zip(ends, places, strict=True)]
         self._site = physics.bind(self._scene.robot.end_effector).element_id
-        self._columns = np.zeros((len(self._joints), _MAX_WIDTH), np.int64)
-        self._scales = np.zeros((len(self._joints), _MAX_WIDTH))
+        columns = np.zeros((len(self._joints), _MAX_WIDTH), np.int64)
+        scales = np.zeros((len(self._joints), _MAX_WIDTH))
         for place, joint in enumerate(self._joints):
             if joint is not None:
                 (kind,) = joint_types([joint])
                 width = _WIDTHS[kind]
-                self._columns[place, :width] = int(physics.bind(joint).qposadr) + np.arange(width)
-                self._scales[place, :width] = 1.0 / TOLERANCES[kind]
-        self._columns, self._scales = self._columns.ravel(), self._scales.ravel()
+                columns[place, :width] = int(physics.bind(joint).qposadr) + np.arange(width)
+                scales[place, :width] = 1.0 / TOLERANCES[kind]
+        self._columns = columns.ravel()
+        self._scales = scales.ravel()
 
     def _places(self, physics: mjcf.Physics, sensors: Sequence[mjcf.Element]) -> NDArray[np.int64]:
         """Returns the places of the samples of some sensors in the history, sensor by sensor."""

@@ -239,8 +239,8 @@ class Domain:
             from kitchen_suite.rendering.quality import set_render_quality
 
             is_asked_for = render_quality is not None
-            quality = "fast" if render_quality is None else render_quality
-            set_render_quality(task.root_entity.mjcf_model, quality, is_visual, warn=is_asked_for)
+            chosen = "fast" if render_quality is None else render_quality
+            set_render_quality(task.root_entity.mjcf_model, chosen, is_visual, warn=is_asked_for)
         settings: dict[str, Any] = {
             "strip_singleton_obs_buffer_dim": True,
             "recompile_mjcf_every_episode": False,

@@ -48,6 +48,15 @@ def assert_continues_equally(environment, other, steps=STEPS):
     assert_same(environment.step(actions[0]), other.step(actions[0]))
 
 
+@pytest.mark.parametrize("quality", [False, True])
+def test_a_copy_has_the_arguments_of_the_environment(quality):
+    given = {"render_quality": "fast", "visuals": True, "quality": quality}
+    environment = load("microwave_table", **given)
+    copied = copy.deepcopy(environment)
+    assert {name: copied.origin.arguments[name] for name in given} == given
+    assert bool(copied.task.quality) == quality
+
+
 @pytest.mark.parametrize("copied", COPIES.values(), ids=COPIES)
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_a_copy_in_mid_episode_continues_to_the_bit(domain, copied):
