@@ -705,8 +705,21 @@ def cloning_table() -> str:
 _MOST_CONDITIONS = 3
 
 
-def protocol_table() -> str:
-    """Returns the table of the protocols."""
+# Those that people start with.
+_MAIN_PROTOCOLS = ("default", "strict", "clean", "d4rl")
+
+
+def main_protocol_table() -> str:
+    """Returns the table of the protocols that people start with."""
+    return _protocol_table([PROTOCOLS[name] for name in _MAIN_PROTOCOLS])
+
+
+def further_protocol_table() -> str:
+    """Returns the table of all other protocols."""
+    return _protocol_table([protocol for name, protocol in PROTOCOLS.items() if name not in _MAIN_PROTOCOLS])
+
+
+def _protocol_table(protocols: Sequence[Protocol]) -> str:
     rows = [
         (
             f"`{protocol.name}`",
@@ -718,7 +731,7 @@ def protocol_table() -> str:
             f"{protocol.seed:,}",
             protocol.max_episode_steps or "the domain's",
         )
-        for protocol in PROTOCOLS.values()
+        for protocol in protocols
     ]
     header = (
         "`--protocol`",
@@ -788,7 +801,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "hyperparameters": hyperparameter_table,
     "imitation_hyperparameters": cloning_table,
     "presets": preset_table,
-    "protocols": protocol_table,
+    "protocols": main_protocol_table,
+    "further_protocols": further_protocol_table,
     "protocol_differences": protocol_differences,
     "my_task": functools.partial(example, "my_task"),
     "mug": functools.partial(example, "mug"),
