@@ -295,11 +295,12 @@ def _tasks_of(task_name: str | None, task_kwargs: Mapping[str, Any]) -> tuple[An
 
 def _values(plan: EvaluationPlan) -> dict[str, Any]:
     values = plan.description
+    is_of_quality = any(condition.task_kwargs.get("quality") for condition in PROTOCOLS[plan.protocol].conditions)
     for condition in values["conditions"].values():
         kwargs = condition["task_kwargs"]
         kwargs.pop("extra_observables", None)
-        # Measures what happens, and changes nothing of it.
-        if kwargs.get("quality"):
+        # It measures what happens, and changes nothing of it; scores of some protocols are made of it.
+        if kwargs.get("quality") and not is_of_quality:
             del kwargs["quality"]
         del condition["policy_sha256"]
     names = ("seed", "num_episodes", "max_episode_steps")
@@ -353,6 +354,9 @@ def _specs(policy: PolicyRef, protocol: Protocol, replaced: Replaced) -> dict[st
         task_name = replaced.task_name or condition.task_name or default_task
         kwargs = {**condition.task_kwargs, **replaced.task_kwargs}
         environments = EnvironmentSpec.make(replaced.domain_name, task_name, kwargs, max_episode_steps)
+        if condition.measures or condition.goals:
+            # Before the model of another arm is looked for.
+            _check_franka(environments, f"protocol {protocol.name!r}")
         spec = environments.episodes(policy, seed=seed)
         if spec in specs.values():
             continue

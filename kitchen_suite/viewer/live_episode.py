@@ -11,7 +11,7 @@ from kitchen_suite.episodes.play import SingleRollout
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyBuilder, PolicyRef
-from kitchen_suite.viewer.untrusted import escaped
+from kitchen_suite.viewer.escaping import escaped
 
 DEFAULT_POLICY = "random"  # That acts where none is chosen.
 

@@ -17,7 +17,7 @@ checks.installed(("mjviser", "viser"), "kitchen_suite.viewer", "web")
 
 import viser  # noqa: E402
 
-from kitchen_suite.viewer import untrusted  # noqa: E402
+from kitchen_suite.viewer import widgets  # noqa: E402
 
 HOST = "127.0.0.1"
 
@@ -58,7 +58,7 @@ def local_server(port: int, label: str, token: str = "") -> Iterator[viser.Viser
         if server.get_port() != port:
             raise OSError(f"port {port} is in use: choose another one")
         _refuse_others(server, token)
-        untrusted.refuse_other_values(server)
+        widgets.refuse_other_values(server)
         server.gui.configure_theme(show_share_button=False, show_logo=False)
         yield server
 

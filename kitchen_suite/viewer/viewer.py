@@ -9,6 +9,7 @@ from typing import Never
 from kitchen_suite.episodes.play import REWIND_STEPS
 from kitchen_suite.episodes.report import print_line
 from kitchen_suite.rendering.cameras import camera_names, find_camera
+from kitchen_suite.viewer.escaping import escaped
 from kitchen_suite.viewer.hand import HandPanel
 from kitchen_suite.viewer.live_episode import Choice, LiveEpisode, started_episode
 from kitchen_suite.viewer.live_page import Command, LivePage
@@ -16,7 +17,6 @@ from kitchen_suite.viewer.panels import EpisodePanel, TaskPanel
 from kitchen_suite.viewer.servers import address_of, local_server
 from kitchen_suite.viewer.stage import CameraImage, Stage
 from kitchen_suite.viewer.teleoperation import Collection, SeedTakenError, TeleoperatedEpisode, persons_episode
-from kitchen_suite.viewer.untrusted import escaped
 
 _IDLE = 0.05  # Greatest time between two readings of the panel [s].
 _SHOW_EVERY = 0.04  # Least time between two control steps that are shown [s].

@@ -169,9 +169,9 @@ def test_a_recording_is_readable_that_has_a_path(run, file):
     assert Recording.open(Path("runs")).spec.task_kwargs["design"] == str(file)
 
 
-@pytest.mark.parametrize(("robot", "package"), [("ur5e", "ogbench"), ("panda", "gym_hil")])
-def test_the_model_of_another_arm_is_in_the_specification_by_its_digest(robot, package, monkeypatch):
-    pytest.importorskip(package)
+@pytest.mark.clients
+@pytest.mark.parametrize("robot", ["ur5e", "panda"])
+def test_the_model_of_another_arm_is_in_the_specification_by_its_digest(robot, monkeypatch):
     kwargs = {"robot": robot, "control_mode": "ee_delta_pose"}
     environments = EnvironmentSpec.make("kitchen", "kettle", kwargs)
     spec = environments.episodes(PolicyRef.parse("zero"), seed=0)

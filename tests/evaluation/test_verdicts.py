@@ -82,6 +82,7 @@ GIVEN = {
     **{"goals": {"kettle": [0.0] * 7}, "success": "strict", "variations": ["layout"], "physics": "fast"},
     **{"variation_split": "held_out", "control_mode": "joint_delta", "reward": "dense", "obs_type": "state"},
     **{"tasks_to_complete": ["close microwave"], "feedback": "true", "frame": "hand", "sleep": True},
+    "quality": False,
 }
 
 

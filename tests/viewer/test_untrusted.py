@@ -11,6 +11,8 @@ import threading
 import pytest
 from helpers.viser_client import Browser
 
+from kitchen_suite.viewer.escaping import escaped
+
 pytestmark = pytest.mark.web
 
 # Nothing else than letters, digits, harmless signs and character references.
@@ -28,29 +30,29 @@ TEXTS = (
 
 
 @pytest.fixture
-def untrusted():
-    from kitchen_suite.viewer import untrusted
+def widgets():
+    from kitchen_suite.viewer import widgets
 
-    return untrusted
+    return widgets
 
 
-def test_no_text_of_others_is_markup(untrusted):
+def test_no_text_of_others_is_markup():
     generator = random.Random(0)
     odd = ("".join(chr(generator.randrange(0x2FFF)) for _ in range(200)) for _ in range(200))
     for text in (*TEXTS, *odd):
-        shown = untrusted.escaped(text)
+        shown = escaped(text)
         assert _HARMLESS.fullmatch(shown), shown
         for mark in ("://", "www.", "@"):
             assert mark not in html.unescape(shown).replace("\u200b" + mark[-1:], "")
 
 
-def test_a_plain_text_stays_as_it_is(untrusted):
+def test_a_plain_text_stays_as_it_is():
     text = "policy 'moon' does not exist; choose from expert, random"
-    assert untrusted.escaped(text) == text
-    assert html.unescape(untrusted.escaped("a_b [c] <d> {e} - f")) == "a_b [c] <d> {e} - f"
+    assert escaped(text) == text
+    assert html.unescape(escaped("a_b [c] <d> {e} - f")) == "a_b [c] <d> {e} - f"
 
 
-def test_widgets_take_what_they_offer(untrusted, port):
+def test_widgets_take_what_they_offer(widgets, port):
     from kitchen_suite.viewer.servers import silent_server
 
     with silent_server() as server:
@@ -64,11 +66,11 @@ def test_widgets_take_what_they_offer(untrusted, port):
         ]
         odd = [None, -1, 10, float("nan"), float("inf"), "", "c", "os:system", [], ["a"], {"a": 1}, 1e300, b"a", ("a",)]
         for widget, values in taken:
-            assert all(untrusted.offers(widget, value) for value in values)
-            assert not any(untrusted.offers(widget, value) for value in odd), widget
+            assert all(widgets.offers(widget, value) for value in values)
+            assert not any(widgets.offers(widget, value) for value in odd), widget
         # Of no other kind is anything taken.
-        assert not untrusted.offers(gui.add_text("t", ""), "")
-        assert not untrusted.offers(gui.add_markdown("m"), "x")
+        assert not widgets.offers(gui.add_text("t", ""), "")
+        assert not widgets.offers(gui.add_markdown("m"), "x")
 
 
 @contextlib.contextmanager
@@ -134,7 +136,6 @@ def refusing_server():
 
 
 def test_the_error_of_a_policy_server_is_shown_as_text(port):
-    pytest.importorskip("msgpack")
     policy, stop = refusing_server()
     with viewing(port, f"--policy={policy}", "--no_token"), contextlib.closing(Browser(port)) as browser:
         browser.wait(lambda: "**Error:**" in browser.report())
