@@ -124,8 +124,8 @@ class MDP(abc.ABC, Generic[Reading, State]):
 
     def observation(self, simulation: Simulation, state: State) -> NDArray:
         """Returns the flat observation `(..., m)` without goals and requests, with its noise."""
-        clean = {key: np.asarray(term.read(simulation, state)) for key, term in self.observations.items()}
-        return np.concatenate([self.corrupted(key, value, state) for key, value in clean.items()], axis=-1)
+        parts = [self.corrupted(key, term.read(simulation, state), state) for key, term in self.observations.items()]
+        return np.concatenate(parts, axis=-1)
 
     def rewarded(self, step: Transition) -> Any:
         """Returns the state after a step with the terms of its reward."""
