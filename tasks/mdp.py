@@ -114,7 +114,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """Keys of those `observations` to which `corrupted` adds noise."""
         return ()
 
-    def corrupted(self, key: str, clean: NDArray, state: State) -> NDArray:
+    def corrupted(self, key: str, clean: Any, state: State) -> Any:
         """Returns one of the `observations`, `(..., k)`, with the noise that the state holds."""
         return clean
 

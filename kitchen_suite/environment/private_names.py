@@ -31,6 +31,8 @@ PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = {
         "_free_rendering_contexts",
         "_make_rendering_contexts",
         "_reload_from_data",
+        "_step_with_up_to_date_position_velocity",
+        "_warnings",
     ),
     "dm_control.composer.environment:_EnvironmentHooks": ("_after_substep", "_before_substep"),
     "dm_control.composer.environment:_Hook": ("entity_hooks", "extra_hooks"),

@@ -271,9 +271,11 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     def _desired(self, simulation: Simulation, state: KitchenState) -> Array:
         """Returns the desired goals `(..., k)`, the same in all episodes."""
-        axes = state.achieved.shape[:-1]
+        desired = self.goals.desired
         # One episode is read in every step, once for each task.
-        return np.broadcast_to(self.goals.desired, (*axes, self.goals.desired.size)) if axes else self.goals.desired
+        if state.achieved.ndim == 1:
+            return desired
+        return np.broadcast_to(desired, state.achieved.shape)
 
     @functools.cached_property
     def request_observations(self) -> Mapping[str, Observation]:
