@@ -145,13 +145,17 @@ def test_a_command_loads_a_domain_of_the_users_own(name, capsys):
 
 @pytest.mark.full
 def test_a_recording_of_a_users_own_domain_is_replayed_and_completed_by_other_processes(own_domain):
-    for arguments in (
-        ["record", "--output=runs", *TINY_OWN],
-        ["replay", "runs"],
-        ["record", "--output=runs", *TINY_OWN, "--num_episodes=3"],
+    name = TINY_OWN[0].removeprefix("--domain_name=")
+    for status, arguments in (
+        (0, ["record", "--output=runs", *TINY_OWN]),
+        # A file alone names no code.
+        (1, ["replay", "runs"]),
+        (0, ["replay", "runs", f"--custom={name}"]),
+        (0, ["record", "--output=runs", *TINY_OWN, "--num_episodes=3"]),
     ):
         done = subprocess.run([*KITCHEN_SUITE, *arguments], cwd=own_domain, capture_output=True, text=True, timeout=120)
-        assert done.returncode == 0, done.stderr
+        assert done.returncode == status, done.stderr
+        assert ("custom" in done.stderr) == bool(status)
     assert json.loads(own_domain.joinpath("runs", "recording.json").read_text())["domain_name"] == TINY_OWN[0][14:]
 
 
