@@ -162,7 +162,8 @@ def record() -> Demonstration:
     """Plays the expert in fast physics."""
     environment = suite.load("kitchen", TASK, {"visuals": False, "physics": FAST, "random": SEED})
     act = policies.find("expert")(environment, np.random.default_rng(SEED))
-    states, controls, contacts, constraints = [], [], 0, 0
+    states, controls = [], []
+    contacts, constraints = 0, 0
     for timestep in timesteps(environment, act):
         data = environment.physics.data.ptr
         states.append((data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy()))

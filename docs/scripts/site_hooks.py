@@ -126,7 +126,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     page.meta.setdefault("description", _description(markdown))
     text = _adapted(markdown, _source(name), name, sources)
     if _README in text:
-        _, _, readme = (ROOT / "README.md").read_text(encoding="utf-8").partition("\n")
+        readme = (ROOT / "README.md").read_text(encoding="utf-8").partition("\n")[2]
         text = text.replace(_README, _adapted(readme, "README.md", name, sources))
     return text
 

@@ -26,7 +26,7 @@ _ERRORS = (ImportError, OSError, RuntimeError, TypeError, ValueError)
 
 
 class Display:
-    """What a page shows of the episode in progress, its scene and its report.
+    """The episode in progress on a page: its scene and its report.
 
     Attributes:
       stage: the scene.

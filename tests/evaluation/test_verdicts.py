@@ -1,4 +1,4 @@
-"""What the check of a receipt confirms: a receipt in which zero actions succeed is refused, or its first line says why.
+"""The check of a receipt says what it confirms: if zero actions succeed, it refuses it, or its first line says why.
 
 Every argument of every condition, every option of a reset, and every goal is forged, with all that follows made anew.
 """

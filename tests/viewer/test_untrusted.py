@@ -1,4 +1,4 @@
-"""What browsers send, and texts of others, in the page of `kitchen-view`."""
+"""The page of `kitchen-view` takes only offered values from browsers, and shows texts of others without markup."""
 
 import contextlib
 import html
