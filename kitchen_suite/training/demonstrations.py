@@ -91,9 +91,9 @@ def load_recording(
     Of `count` episodes they are the first ones.
 
     Raises:
-      OSError: there is no recording, or one of its episodes cannot be read.
+      OSError: there is no recording, or one of its episodes cannot be read, or holds actions that are not finite.
       ValueError: it is of another domain, of tasks none of which is wanted, or with other arguments that state or
-        actions depend on, or holds fewer such episodes, or numbers that are not finite.
+        actions depend on, or holds fewer such episodes, or observed numbers that are not finite.
     """
     recording = open_recording(folder, spec, suite.find_domain(spec.domain_name).control_options)
     if missing := spec.names - recording.spec.names:
