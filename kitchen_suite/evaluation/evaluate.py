@@ -27,7 +27,7 @@ from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, check_robot, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipts import Receipt, Trace, TraceRecorder
-from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
+from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import TIMESTEP, PolicyError, PolicyRef
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
@@ -50,13 +50,13 @@ class Evaluation:
     @property
     def scores_by_condition(self) -> dict[str, dict[str, Any]]:
         """Scores of each condition, with intervals."""
-        return {name: score_episodes(each, self.plan.score) for name, each in self.results.items()}
+        return {name: self.plan.scores(each) for name, each in self.results.items()}
 
     @property
     def scores(self) -> dict[str, Any]:
         """Scores of the first condition, such as `success`, `mean_tasks` and `intervals`."""
         name, *_ = self.results
-        return score_episodes(self.results[name], self.plan.score)
+        return self.plan.scores(self.results[name])
 
     def as_json(self) -> dict[str, Any]:
         """Returns what was evaluated, and all scores, as JSON represents it, without times, dates and paths."""
@@ -174,7 +174,7 @@ def evaluate(
                         bar.count(result.success)
             results[name] = [folder.results[name, index] for index in range(plan.num_episodes)]
             if verbose:
-                scores = score_episodes(results[name], plan.score)
+                scores = plan.scores(results[name])
                 formatted = tables.format_scores(name, spec.task_name, plan.num_episodes, scores, table_format)
                 print_line(f"\n{formatted}")
     evaluation = Evaluation(plan=plan, results=results)

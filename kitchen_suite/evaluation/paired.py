@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, stats
 
-from kitchen_suite.evaluation.scores import CONFIDENCE, Interval
+from kitchen_suite.evaluation.scores import CONFIDENCE, Interval, possible_means
 
 # Random numbers of the bootstrap, so that the same episodes have the same interval.
 _SEED = 0
@@ -112,9 +112,7 @@ def mean_difference(differences: ArrayLike, *, greatest: float = math.inf) -> tu
     """Returns the mean of the differences `(n,)` of paired episodes, and its interval.
 
     The interval is that of SciPy's bootstrap over episodes, bias-corrected and accelerated, with fixed random numbers.
-    Where all differences are equal, the bootstrap would have no width. The interval then contains every mean that is
-    possible while other differences have at most the probability that the exact binomial limit leaves them; it is None
-    where `greatest` is infinite.
+    Where all differences are equal, it is that of `scores.possible_means`; None where `greatest` is infinite.
 
     Args:
       differences: of the episodes.
@@ -126,10 +124,7 @@ def mean_difference(differences: ArrayLike, *, greatest: float = math.inf) -> tu
     middle = float(values.mean())
     if np.ptp(values) > 0.0:
         return middle, _bootstrap(values)
-    if not math.isfinite(greatest):
-        return middle, None
-    unseen = 1.0 - ((1.0 - CONFIDENCE) / 2.0) ** (1.0 / values.size)
-    return middle, (middle - unseen * (middle + greatest), middle + unseen * (greatest - middle))
+    return middle, possible_means(middle, values.size, low=-greatest, high=greatest)
 
 
 def _bootstrap(values: NDArray[np.float64]) -> tuple[float, float]:

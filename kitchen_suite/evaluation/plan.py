@@ -19,7 +19,7 @@ from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.evaluation import criteria, quality
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Measure, Protocol, Score, domain_protocols
-from kitchen_suite.evaluation.scores import MAX_SEED
+from kitchen_suite.evaluation.scores import MAX_SEED, EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyRef
 
@@ -93,6 +93,10 @@ class EvaluationPlan:
         own = [_tasks_of(condition.task_name, condition.task_kwargs) for condition in protocol.conditions]
         found = [_tasks_of(spec.task_name, spec.task_kwargs) for spec in self.specs.values()]
         return protocol.score if all(each in own for each in found) else None
+
+    def scores(self, results: Sequence[EpisodeResult]) -> dict[str, Any]:
+        """Returns the scores of the episodes of a condition, see `score_episodes`."""
+        return score_episodes(results, self.score, self.first.max_episode_steps)
 
     def reset_options(self, name: str, index: int) -> dict[str, Any]:
         return self.resets[name][index] if name in self.resets else {}

@@ -46,6 +46,8 @@ def wilson(successes: int, count: int) -> tuple[float, float]:
 def mean(values: ArrayLike, *, low: float = -math.inf, high: float = math.inf) -> tuple[float, Interval]:
     """Returns the mean of values `(n,)`, and its interval by Student's t; None for the interval of one value.
 
+    The interval of equal values is that of `possible_means`.
+
     Args:
       values: of the episodes.
       low: least possible value, at which the interval is cut off.
@@ -57,10 +59,23 @@ def mean(values: ArrayLike, *, low: float = -math.inf, high: float = math.inf) -
     middle = float(numbers.mean())
     if numbers.size == 1:
         return middle, None
-    scale = float(stats.sem(numbers))
-    # The interval of equal values has no width, for which SciPy has no distribution.
-    least, greatest = stats.t.interval(CONFIDENCE, numbers.size - 1, middle, scale) if scale else (middle, middle)
-    return middle, (max(low, float(least)), min(high, float(greatest)))
+    if not np.ptp(numbers) > 0.0:
+        return middle, possible_means(middle, numbers.size, low=low, high=high)
+    least, greatest = stats.t.interval(CONFIDENCE, numbers.size - 1, middle, float(stats.sem(numbers)))
+    return middle, (max(float(low), float(least)), min(float(high), float(greatest)))
+
+
+def possible_means(value: float, count: int, *, low: float, high: float) -> Interval:
+    """Returns an interval of the mean where `count` episodes have all had the same value.
+
+    An interval from their deviations would have no width, as if nothing else could happen. This one contains every mean
+    that is possible while other values have at most the probability that the exact binomial limit leaves them. It is
+    None where the values have no bounds `low` and `high`.
+    """
+    if not math.isfinite(high - low):
+        return None
+    unseen = 1.0 - ((1.0 - CONFIDENCE) / 2.0) ** (1.0 / count)
+    return value - unseen * (value - low), value + unseen * (high - value)
 
 
 def tasks_completed(asked: NDArray[np.bool_], steps: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -144,12 +159,15 @@ class EpisodeResult:
         return files.digest_line(dataclasses.asdict(self), evaluation).encode()
 
 
-def score_episodes(results: Sequence[EpisodeResult], score: Score | None = None) -> dict[str, Any]:
+def score_episodes(
+    results: Sequence[EpisodeResult], score: Score | None = None, max_episode_steps: float = math.inf
+) -> dict[str, Any]:
     """Returns the scores of the episodes of a condition, as JSON represents them.
 
     Args:
       results: at least one, in the order of their numbers.
       score: a published score; only for tasks that can be counted.
+      max_episode_steps: control steps after which an episode ends.
     """
     measured: dict[str, tuple[float, Interval]] = {}
     further: dict[str, Any] = {}
@@ -174,7 +192,7 @@ def score_episodes(results: Sequence[EpisodeResult], score: Score | None = None)
             rate(values) if isinstance(example, bool) else mean(values, low=quality.INFOS.get(name, -math.inf))
         )
     measured["success"] = rate([result.success for result in results])
-    measured["control_steps"] = mean([result.control_steps for result in results])
+    measured["control_steps"] = mean([result.control_steps for result in results], low=1.0, high=max_episode_steps)
     return {
         **{name: round(value, _DECIMALS) for name, (value, _) in measured.items()},
         "intervals": {name: _rounded(interval) for name, (_, interval) in measured.items()},

@@ -19,7 +19,7 @@ from kitchen_suite.evaluation.confirmed import constant_successes, format_subjec
 from kitchen_suite.evaluation.evaluate import as_json, play
 from kitchen_suite.evaluation.plan import EvaluationPlan, resets_of
 from kitchen_suite.evaluation.receipts import ActionReplay, Receipt, Trace
-from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
+from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
 from kitchen_suite.versions import machine
 
@@ -127,7 +127,7 @@ def verify(
     if verbose:
         for name, each in compared.items():
             replayed = sorted((one.replayed for one in each), key=lambda result: result.episode)
-            scores = score_episodes(replayed, plan.score)
+            scores = plan.scores(replayed)
             print_line(f"\n{tables.format_scores(name, plan.specs[name].task_name, plan.num_episodes, scores)}")
         print_line(f"\n{_table(compared)}\n")
         _print_differences(everything)
@@ -184,7 +184,7 @@ def checked_plan(receipt: Receipt) -> EvaluationPlan:
         for index, (result, trace) in enumerate(zip(results, receipt.traces[name], strict=True)):
             if problem := _problem(plan, name, index, result, trace):
                 raise ValueError(f"episode {index} of {name} {problem}: the receipt was altered")
-    scores = {name: score_episodes(results, plan.score) for name, results in receipt.results.items()}
+    scores = {name: plan.scores(results) for name, results in receipt.results.items()}
     written = as_json(plan, scores)
     if difference := files.first_difference(receipt.evaluation, written):
         raise ValueError(f"the receipt was altered: {difference}, which follows from its episodes")

@@ -20,7 +20,6 @@ from kitchen_suite.episodes.replay import Verdict
 from kitchen_suite.evaluation.evaluate import as_json, check_receipt, play_again
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan
 from kitchen_suite.evaluation.receipts import FORMAT, Receipt, sealed
-from kitchen_suite.evaluation.scores import score_episodes
 from kitchen_suite.evaluation.verify import checked_plan
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks import DEFAULT_TASKS
@@ -127,7 +126,7 @@ def test_a_receipt_holds_the_goals_that_were_taken_from_a_recording(run, tmp_pat
         }
         given = {"goals": changed} if any(changed) else None
         plan = EvaluationPlan.of(receipt.evaluation, given)
-        scores = {"goals": score_episodes(results["goals"], plan.score)}
+        scores = {"goals": plan.scores(results["goals"])}
         anew = as_json(plan, scores)
         dataclasses.replace(receipt, evaluation=anew, results=results).write(tmp_path / "b.npz")
 
@@ -343,7 +342,7 @@ class Forger:
     def written_anew(self, path, evaluation, results):
         """Writes a receipt whose scores and list of replaced values follow from its settings and results."""
         plan = EvaluationPlan.of(evaluation)
-        scores = {name: score_episodes(each, plan.score) for name, each in results.items()}
+        scores = {name: plan.scores(each) for name, each in results.items()}
         anew = as_json(plan, scores)
         self.written(path, evaluation=anew, results=results, replaced=plan.replaced)
 

@@ -64,7 +64,6 @@ def test_a_mean_has_students_interval():
     half = 3.182446 * math.sqrt(5 / 3) / 2
     np.testing.assert_allclose((value, low, high), (2.5, 2.5 - half, 2.5 + half), atol=1e-6)
     assert scores.mean([1, 2, 3, 4], low=1, high=4)[1] == (1, 4)
-    assert scores.mean(values=[2, 2, 2]) == (2, (2, 2))
     # For one degree of freedom it is 12.706205.
     value, interval = scores.mean([-5, 5])
     assert (value, type(value)) == (0.0, float)
@@ -72,6 +71,27 @@ def test_a_mean_has_students_interval():
     assert scores.mean([-5, 5], low=-7) == (0.0, (-7, interval[1]))
     assert scores.mean([-5, 5], high=9) == (0.0, (interval[0], 9))
     assert scores.mean([5]) == (5, None)
+
+
+def test_equal_values_leave_the_others_that_the_exact_limit_allows():
+    # The exact limit of Clopper and Pearson for 0 of 10 is 0.308497.
+    for count, unseen in ((10, 0.308497), (50, 0.071122)):
+        for value in (0.0, 3.0, 4.0):
+            middle, interval = scores.mean([value] * count, low=0, high=4)
+            assert middle == value
+            np.testing.assert_allclose(interval, (value - unseen * value, value + unseen * (4 - value)), atol=1e-5)
+            assert all(type(bound) is float for bound in interval)
+    # Without bounds nothing is known of other values.
+    for bounds in ({}, {"low": 0.0}, {"high": 4.0}):
+        assert scores.mean([2, 2, 2], **bounds) == (2, None)
+
+
+def test_control_steps_are_within_an_episode():
+    scored = score_episodes([result(0, {"kettle": 1}, steps=1), result(1, {"kettle": 9}, steps=280)], None, 280)
+    assert scored["intervals"]["control_steps"] == [1.0, 280.0]
+    failed = score_episodes([result(index, {"kettle": None}) for index in range(10)], None, 280)
+    assert failed["intervals"]["control_steps"] == pytest.approx([280 - 0.308497 * 279, 280], abs=1e-3)
+    assert failed["intervals"]["mean_tasks"] == pytest.approx([0, 0.308497], abs=1e-5)
 
 
 def test_no_episode_has_no_score():
