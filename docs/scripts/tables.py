@@ -706,7 +706,7 @@ _MOST_CONDITIONS = 3
 
 
 # Those that people start with.
-_MAIN_PROTOCOLS = ("default", "strict", "clean", "d4rl")
+_MAIN_PROTOCOLS = ("default", "strict", "clean", "unseen-kitchens", "d4rl")
 
 
 def main_protocol_table() -> str:

@@ -27,7 +27,7 @@ from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, check_robot, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipts import Receipt, Trace, TraceRecorder
-from kitchen_suite.evaluation.scores import EpisodeResult
+from kitchen_suite.evaluation.scores import EpisodeResult, score_sample
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import TIMESTEP, PolicyError, PolicyRef
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
@@ -173,15 +173,21 @@ def evaluate(
                         folder.add(result)
                         bar.count(result.success)
             results[name] = [folder.results[name, index] for index in range(plan.num_episodes)]
-            if verbose:
+            if verbose and not plan.is_sample:
                 scores = plan.scores(results[name])
                 formatted = tables.format_scores(name, spec.task_name, plan.num_episodes, scores, table_format)
                 print_line(f"\n{formatted}")
     evaluation = Evaluation(plan=plan, results=results)
     if verbose and len(results) > 1:
-        print_line(f"\n{tables.format_summary(evaluation.scores_by_condition, table_format)}")
-        if overall := evaluation.as_json().get("overall"):
-            print_line(f"\n{tables.format_overall(overall, table_format)}")
+        if plan.is_sample:
+            summary = tables.format_counts(results, table_format)
+        else:
+            summary = tables.format_summary(evaluation.scores_by_condition, table_format)
+        print_line(f"\n{summary}")
+        record = evaluation.as_json()
+        if overall := record.get("overall"):
+            formatted = tables.format_overall(overall, record.get("overall_intervals", {}), table_format)
+            print_line(f"\n{formatted}")
     if receipt is not None:
         evaluation.write_receipt(Path(receipt))
     return evaluation
@@ -265,7 +271,9 @@ def as_json(plan: EvaluationPlan, scores: Mapping[str, Mapping[str, Any]]) -> di
     conditions = {name: {**task, **scores[name]} for name, task in description.pop("conditions").items()}
     is_own = plan.score or any(plan.measures.values())
     overall = PROTOCOLS[plan.protocol].overall(scores) if is_own else {}
-    of_all = {"overall": overall} if overall else {}
+    of_all: dict[str, Any] = {"overall": overall} if overall else {}
+    if plan.is_sample:
+        of_all = score_sample(scores, PROTOCOLS[plan.protocol].sampled)
     return {**description, **next(iter(conditions.values())), **of_all, "conditions": conditions}
 
 

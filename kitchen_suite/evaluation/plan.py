@@ -94,6 +94,12 @@ class EvaluationPlan:
         found = [_tasks_of(spec.task_name, spec.task_kwargs) for spec in self.specs.values()]
         return protocol.score if all(each in own for each in found) else None
 
+    @property
+    def is_sample(self) -> bool:
+        """Whether the conditions are a sample of many more, and scores are means over them."""
+        protocol = PROTOCOLS[self.protocol]
+        return bool(protocol.sampled) and len(self.specs) == len(protocol.conditions)
+
     def scores(self, results: Sequence[EpisodeResult]) -> dict[str, Any]:
         """Returns the scores of the episodes of a condition, see `score_episodes`."""
         return score_episodes(results, self.score, self.first.max_episode_steps)

@@ -78,6 +78,8 @@ class Protocol:
       max_episode_steps: control steps of an episode; the domain's when None.
       is_general: whether it is for every domain; otherwise for those that name it among their `protocols`.
       overall: the protocol's scores over all conditions, from the scores by condition.
+      sampled: scores of which the mean over all conditions is given as well, with an interval, where the conditions are
+        a sample of many more, as kitchens are.
       differences: what is not as in the source, in a sentence; empty if nothing is known to be.
     """
 
@@ -90,6 +92,7 @@ class Protocol:
     is_general: bool = False
     score: Score | None = None
     overall: Callable[[Mapping[str, Mapping[str, Any]]], dict[str, float]] = lambda scores: {}
+    sampled: tuple[str, ...] = ()
     differences: str = ""
 
 
@@ -113,6 +116,9 @@ _EARL_TASKS = ("close microwave", "turn off light switch", "close slide cabinet"
 
 # Sets of tasks of which chains are drawn, and the most control steps of a task, CALVIN's.
 _CHAIN_SETS, _CHAIN_STEPS = 8, 360
+
+# Generated kitchens in which nothing is trained, and the episodes in each.
+UNSEEN_KITCHENS, UNSEEN_EPISODES = 100, 4
 
 # Without noise, and to the last control step, as environments of goals that are reached or not.
 _EXACTLY_SEEN = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "terminate_on_tasks_completed": False}
@@ -195,6 +201,21 @@ def _chain_condition(number: int) -> Condition:
             "tasks_in_turn": True,
             "max_task_steps": _CHAIN_STEPS,
             "control_mode": "joint_velocity",
+        },
+    )
+
+
+def _kitchen_condition(design: int) -> Condition:
+    """Returns a condition of a generated kitchen: to open one of the parts that the expert is certified to open."""
+    return Condition(
+        name=f"kitchen {design}",
+        task_name="open",
+        task_kwargs={
+            "design": design,
+            "split": "test",
+            "certified": True,
+            "num_slots": 1,
+            "control_mode": "ee_delta_pose",
         },
     )
 
@@ -401,6 +422,13 @@ _PROTOCOLS = (
         num_episodes=100,
         is_general=True,
     ),
+    Protocol(
+        name="unseen-kitchens",
+        follows="the suite's own: one part to open, in each of 100 generated kitchens of `test`; score: mean success",
+        conditions=tuple(map(_kitchen_condition, range(UNSEEN_KITCHENS))),
+        num_episodes=UNSEEN_EPISODES,
+        sampled=("success",),
+    ),
 )
 
 PROTOCOLS: Mapping[str, Protocol] = MappingProxyType({protocol.name: protocol for protocol in _PROTOCOLS})
@@ -422,6 +450,10 @@ def domain_protocols(domain_name: str) -> DomainProtocols:
     return suite.find_domain(domain_name).resolve("evaluation") or DomainProtocols()
 
 
+KITCHENS = DomainProtocols(protocols=("unseen-kitchens",))
 KITCHEN = DomainProtocols(
-    task_name="random_4", protocols=tuple(protocol.name for protocol in _PROTOCOLS if not protocol.is_general)
+    task_name="random_4",
+    protocols=tuple(
+        protocol.name for protocol in _PROTOCOLS if not protocol.is_general and protocol.name not in KITCHENS.protocols
+    ),
 )

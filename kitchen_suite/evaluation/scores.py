@@ -201,6 +201,19 @@ def score_episodes(
     }
 
 
+def score_sample(scores: Mapping[str, Mapping[str, Any]], names: Sequence[str]) -> dict[str, Any]:
+    """Returns means of some scores, which are shares, over conditions that are a sample, as JSON represents them.
+
+    Their intervals are those of the mean over all conditions there could be: episodes of one condition, such as a
+    kitchen, are more alike than those of two.
+    """
+    means = {name: mean([each[name] for each in scores.values()], low=0.0, high=1.0) for name in names}
+    return {
+        "overall": {name: round(value, _DECIMALS) for name, (value, _) in means.items()},
+        "overall_intervals": {name: _rounded(interval) for name, (_, interval) in means.items()},
+    }
+
+
 def _arrays(results: Sequence[EpisodeResult]) -> tuple[NDArray[np.bool_], NDArray[np.int64], list[str]]:
     """Returns which tasks `(n, k)` episodes ask for, their completion steps `(n, k)`, and the tasks' names in order."""
     rows = [result.asked or {} for result in results]

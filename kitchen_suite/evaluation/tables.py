@@ -14,6 +14,9 @@ _MEANS = ("mean_", "control_steps", "score", "d4rl_score", "subtasks", *quality.
 _ENTROPY = "order entropy [bit]"
 _INTERVAL = "95 % interval"
 
+# Names of conditions in a cell of a table.
+_MOST_NAMES = 6
+
 # Scores that have their intervals in the table of all conditions.
 _WITH_INTERVALS = ("mean_tasks", "mean_progress", "success")
 
@@ -116,7 +119,28 @@ def _interval(key: str, interval: list[float] | None) -> str:
     return f"{low} to {high}"
 
 
-def format_overall(overall: Mapping[str, float], table_format: str = "text") -> str:
-    """Returns the table of the scores over all conditions."""
-    rows = [(label(name), f"{value:.4g}") for name, value in overall.items()]
-    return table(("over all conditions", ""), rows, table_format)
+def format_overall(
+    overall: Mapping[str, float], intervals: Mapping[str, list[float] | None], table_format: str = "text"
+) -> str:
+    """Returns the table of the scores over all conditions; `intervals` may lack those of some scores."""
+    if not intervals:
+        rows = [(label(name), f"{value:.4g}") for name, value in overall.items()]
+        return table(("over all conditions", ""), rows, table_format)
+    with_intervals = [
+        (label(name), value_text(name, value), _interval(name, intervals.get(name))) for name, value in overall.items()
+    ]
+    return table(("over all conditions", "", _INTERVAL), with_intervals, table_format)
+
+
+def format_counts(results: Mapping[str, Sequence[EpisodeResult]], table_format: str = "text") -> str:
+    """Returns a row for each number of successes: in how many conditions there are so many, and which these are."""
+    by_count: dict[int, list[str]] = {}
+    for name, each in results.items():
+        by_count.setdefault(sum(result.success for result in each), []).append(name)
+    most = len(next(iter(results.values())))
+    rows = []
+    for count in range(most, -1, -1):
+        names = by_count.get(count, [])
+        shown = ", ".join(names[:_MOST_NAMES]) + (", ..." if len(names) > _MOST_NAMES else "")
+        rows.append((f"{count} of {most}", str(len(names)), shown))
+    return table(("successes", "conditions", "which"), rows, table_format)

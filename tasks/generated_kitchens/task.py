@@ -26,6 +26,7 @@ from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.orders import sequence_of
+from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
@@ -142,6 +143,7 @@ class GeneratedKitchenTask(SuiteTask):
         allowed = _allowed(scene, certified)
         self.requests = PartRequests(scene, names, tasks_per_episode, mdp.num_slots, allowed)
         self.records = PartRecords(self)
+        self._policy_name = "_".join(("kitchens", *names, *(() if reward == "sparse" else (reward,))))
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
         self.vary(handles=handles, home=HOME)
 
@@ -166,6 +168,9 @@ class GeneratedKitchenTask(SuiteTask):
     def requested_tasks(self) -> list[str]:
         """Tasks that the episode asks for, in their order."""
         return self.requests.names(self.state.order, self.state.goal)
+
+    def make_policy_inputs(self, state_size: int) -> PolicyInputs:
+        return PolicyInputs(names=(self._policy_name,), state_size=state_size)
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._columns = physics.bind(self.robot.joints).qposadr

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.errors import refused
+from helpers.protocols import domain_of
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
@@ -41,9 +42,9 @@ IN_ORDER = {"tasks_in_order": True}
 EXACTLY = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "terminate_on_tasks_completed": False}
 
 # Protocols with goals or many steps, whose tests take longer.
-LONG = ("beso", "calvin", "earl", "goal-reaching", "lexa")
+LONG = ("beso", "calvin", "earl", "goal-reaching", "lexa", "unseen-kitchens")
 
-# Task and arguments of each condition, first seed, episodes, control steps, score; in the kitchen.
+# Task and arguments of each condition, first seed, episodes, control steps, score.
 LITERAL = {
     "default": ([("random_4", {"variations": ["start"]})], 400_000_000, 200, 280, None),
     "strict": ([("random_4", {"variations": ["start"], "success": "strict"})], 400_000_000, 200, 400, None),
@@ -203,6 +204,25 @@ LITERAL = {
         280,
         None,
     ),
+    "unseen-kitchens": (
+        [
+            (
+                "open",
+                {
+                    "design": design,
+                    "split": "test",
+                    "certified": True,
+                    "num_slots": 1,
+                    "control_mode": "ee_delta_pose",
+                },
+            )
+            for design in range(100)
+        ],
+        400_000_000,
+        4,
+        280,
+        None,
+    ),
 }
 
 
@@ -264,7 +284,8 @@ def test_a_protocol_cannot_be_changed(settings, values):
     "name", brief(PROTOCOLS, [name for name in PROTOCOLS if name not in ("shift", *LONG)], full=LONG)
 )
 def test_a_protocol_has_its_numbers(name, dataset):
-    made = plan(protocol=name, dataset=dataset if takes_goals(PROTOCOLS[name]) else None)
+    dataset = dataset if takes_goals(PROTOCOLS[name]) else None
+    made = plan(protocol=name, dataset=dataset, domain_name=domain_of(name))
     conditions, seed, episodes, steps, score = LITERAL[name]
     assert [(spec.task_name, dict(spec.task_kwargs)) for spec in made.specs.values()] == conditions
     assert {(spec.seed, spec.max_episode_steps, spec.seeding) for spec in made.specs.values()} == {

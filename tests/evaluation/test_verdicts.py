@@ -10,6 +10,7 @@ import json
 
 import numpy as np
 import pytest
+from helpers.protocols import domain_of
 
 from kitchen_suite import suite
 from kitchen_suite.commands import evaluate, replay
@@ -18,7 +19,6 @@ from kitchen_suite.evaluation.evaluate import as_json
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipts import Receipt
-from kitchen_suite.evaluation.scores import score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
@@ -53,7 +53,7 @@ def description_of(name):
     }
     return {
         "protocol": name,
-        "domain_name": "kitchen",
+        "domain_name": domain_of(name),
         "policy": "zero",
         "seed": protocol.seed,
         "num_episodes": protocol.num_episodes,
@@ -83,13 +83,14 @@ GIVEN = {
     **{"variation_split": "held_out", "control_mode": "joint_delta", "reward": "dense", "obs_type": "state"},
     **{"tasks_to_complete": ["close microwave"], "feedback": "true", "frame": "hand", "sleep": True},
     "quality": False,
+    **{"design": 100, "split": "train", "certified": False, "num_slots": 2},
 }
 
 
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_every_value_that_is_not_the_protocols_is_named(name):
     plan = unprepared(name)
-    assert format_subject(plan, []) == f"kitchen, protocol {name}"
+    assert format_subject(plan, []) == f"{domain_of(name)}, protocol {name}"
     first, spec = next(iter(plan.specs.items()))
     for argument in [*spec.task_kwargs, *(ARGUMENTS if name == "default" else ["threshold", "goals", "success"])]:
         if argument in (*HARMLESS, "robot"):
@@ -122,7 +123,7 @@ def test_conditions_are_the_protocols(name):
     if others:
         # The easiest one alone.
         assert names(dataclasses.replace(plan, specs={others[0]: plan.specs[others[0]]}), "conditions")
-    replaced = dataclasses.replace(plan.specs[first], task_name="light_switch")
+    replaced = dataclasses.replace(plan.specs[first], task_name="another")
     assert names(dataclasses.replace(plan, specs={**plan.specs, first: replaced}), "task_name")
 
 
@@ -193,7 +194,7 @@ def test_a_receipt_of_zero_actions_that_succeed_says_so(run, tmp_path):
     evaluation = copy.deepcopy(receipt.evaluation)
     del evaluation["conditions"]["random_4"]["task_kwargs"]["threshold"]
     plan = EvaluationPlan.of(evaluation)
-    anew = as_json(plan, {"random_4": score_episodes(receipt.results["random_4"], plan.score)})
+    anew = as_json(plan, {"random_4": plan.scores(receipt.results["random_4"])})
     dataclasses.replace(receipt, evaluation=anew, replaced=plan.replaced).write(tmp_path / "c.npz")
     status, out, _ = run(replay, "c.npz")
     assert status == 1
