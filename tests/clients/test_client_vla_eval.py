@@ -14,6 +14,7 @@ from docs_blocks import ROOT
 from docs_scripts import load_script
 from helpers.errors import assert_is_short, refused
 
+import kitchen_suite
 from kitchen_suite import suite
 from kitchen_suite.commands import record
 from kitchen_suite.episodes.recording import Recording
@@ -98,6 +99,20 @@ def test_tasks_of_every_domain_are_played(evaluate, domain):
     assert {episode["steps"] for each in result["tasks"] for episode in each["episodes"]} == {2}
 
 
+def test_a_protocol_has_the_episodes_of_kitchen_evaluate(evaluate, benchmark):
+    params = {"protocol": "diffusion-policy", "max_episode_steps": 60}
+    (found,) = evaluate(server("expert"), episodes_per_task=2, params=params)["tasks"]
+    evaluation = kitchen_suite.evaluate("expert", protocol="diffusion-policy", num_episodes=2, max_episode_steps=60)
+    expected = evaluation.results[found["task"]]
+    assert [each["metrics"]["progress"] for each in found["episodes"]] == [each.progress for each in expected]
+    made, _ = benchmark(domain_name="kitchens", protocol="unseen-kitchens")
+    tasks = made.get_tasks()
+    assert [each["name"] for each in tasks] == [f"kitchen {design}" for design in range(100)]
+    assert {each["seed"] for each in tasks} == {400_000_000}
+    arguments = json.loads(tasks[7]["environment"])["task_kwargs"]
+    assert (arguments["design"], arguments["split"], arguments["certified"]) == (7, "test", True)
+
+
 def test_all_tasks_are_the_default(benchmark):
     made, task = benchmark(domain_name="open_cabinet")
     assert [each["name"] for each in made.get_tasks()] == ["top_drawer", "bottom_drawer"]
@@ -162,6 +177,9 @@ BAD_PARAMS = {
     "argument": ({"task_kwargs": {"contrl_mode": "ee_pose"}}, "'contrl_mode'"),
     "value": ({"task_kwargs": {"control_mode": "ee_pos"}}, "'ee_pos' does not exist"),
     "observations": ({"task_kwargs": {"obs_type": "state"}}, "environment_state_agent_pos"),
+    "protocol": ({"protocol": "d4rll"}, "protocol 'd4rll' does not exist (did you mean 'd4rl'?)"),
+    "protocol and seed": ({"protocol": "d4rl", "seed": 1}, "has tasks and a seed of its own"),
+    "protocol with goals": ({"protocol": "beso"}, "takes its goals from a recording"),
 }
 
 

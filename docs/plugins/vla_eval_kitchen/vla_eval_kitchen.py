@@ -15,6 +15,8 @@ from vla_eval.types import Action, EpisodeResult, Observation, Task
 from kitchen_suite import checks, suite
 from kitchen_suite.datasets.lerobot import AGENT_POS, ENVIRONMENT_STATE, OBS_TYPES, PIXELS, LeRobotObservations
 from kitchen_suite.episodes.spec import EnvironmentSpec, reset_to_seed
+from kitchen_suite.evaluation.plan import find_protocol
+from kitchen_suite.evaluation.protocols import domain_protocols
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 
 # Key of what policies of the suite act on, and name of the argument that adds it.
@@ -53,6 +55,7 @@ class KitchenSuiteBenchmark(StepBenchmark):
         max_episode_steps: int | None = None,
         task_kwargs: Mapping[str, Any] | None = None,
         suite_observation: bool = False,
+        protocol: str | None = None,
     ) -> None:
         """Checks the arguments, which are the `params` of a config, and builds the environment of the first task.
 
@@ -64,6 +67,8 @@ class KitchenSuiteBenchmark(StepBenchmark):
           task_kwargs: further arguments of the Gymnasium environment, such as `obs_type`, `cameras` and `physics`.
           suite_observation: whether observations also have the suite's own, without pictures, by the key
             `suite_observation`. Servers that need it set it.
+          protocol: name of a protocol of `kitchen-evaluate` whose conditions are played in place of `tasks`, from its
+            own seeds; only one whose seeds say all of its episodes.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
@@ -72,11 +77,18 @@ class KitchenSuiteBenchmark(StepBenchmark):
         super().__init__()
         self._seed = checks.integer(seed, "seed", minimum=0)
         self._sends_suite_observation = checks.boolean(suite_observation, SUITE_OBSERVATION)
-        names = suite.find_domain(domain_name).tasks if tasks is None else checks.unique_names(tasks, "tasks")
         task_kwargs = {"obs_type": OBS_TYPES[0], **(task_kwargs or {})}
-        self._specs = {
-            name: EnvironmentSpec.make(domain_name, name, task_kwargs, max_episode_steps) for name in map(str, names)
-        }
+        if protocol is None:
+            names = suite.find_domain(domain_name).tasks if tasks is None else checks.unique_names(tasks, "tasks")
+            self._specs = {
+                name: EnvironmentSpec.make(domain_name, name, task_kwargs, max_episode_steps)
+                for name in map(str, names)
+            }
+        else:
+            if tasks is not None or seed:
+                raise ValueError(f"protocol {protocol!r} has tasks and a seed of its own: give none")
+            self._seed = find_protocol(protocol, domain_name).seed
+            self._specs = _conditions(protocol, domain_name, task_kwargs, max_episode_steps)
         self._present = ""
         self._environment: gymnasium.Env | None = None
         self._build(next(iter(self._specs)))
@@ -163,3 +175,20 @@ class KitchenSuiteBenchmark(StepBenchmark):
     def _frame(self, observation: Any) -> np.ndarray | None:
         """Returns the picture of the first camera; None without pictures."""
         return next(iter(self._observations(observation).get(PIXELS, {}).values()), None)
+
+
+def _conditions(
+    name: str, domain_name: str, task_kwargs: Mapping[str, Any], max_episode_steps: int | None
+) -> dict[str, EnvironmentSpec]:
+    """Returns the environments of the conditions of a protocol, by the names of these, with further arguments."""
+    protocol = find_protocol(name, domain_name)
+    if any(condition.goals for condition in protocol.conditions):
+        raise ValueError(f"protocol {name!r} takes its goals from a recording: kitchen-evaluate plays it")
+    steps = max_episode_steps or protocol.max_episode_steps
+    default_task = domain_protocols(domain_name).task_name
+    specs = {}
+    for condition in protocol.conditions:
+        kwargs = {**task_kwargs, **condition.task_kwargs}
+        spec = EnvironmentSpec.make(domain_name, condition.task_name or default_task, kwargs, steps)
+        specs[condition.name or spec.task_name] = spec
+    return specs
