@@ -48,8 +48,7 @@ class EvaluationFolder:
 
     def add(self, result: EpisodeResult) -> None:
         if self._path:
-            with self._path.open("ab") as file:
-                file.write(result.as_line(self._evaluation) + b"\n")
+            files.append_line(self._path, result.as_line(self._evaluation))
         self.results[result.condition, result.episode] = result
 
     def _read(self, path: Path, seeds: Mapping[Key, int]) -> None:
