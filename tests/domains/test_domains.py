@@ -14,6 +14,7 @@ from test_layers import MODULES
 from kitchen_suite import gymnasium_env, names, suite
 from kitchen_suite.commands import rollout
 from kitchen_suite.entities import build_kitchen_scene, build_microwave_table_scene
+from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env import FrankaMicrowaveTableEnv, SuiteEnv
 from kitchen_suite.policies import experts
 from kitchen_suite.tasks import GOALS, KitchenTask, MicrowaveTableTask
@@ -296,3 +297,15 @@ def test_no_module_branches_on_a_domain_of_which_it_is_not_part(module):
 
 def test_every_name_of_a_task_has_a_goal():
     assert (*names.DEFAULT_TASKS, *names.FURTHER_TASKS) == tuple(GOALS)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "shown"),
+    [
+        ({}, "kitchen 0 of train, fast physics, variations none"),
+        ({"design": 7, "split": "test", "physics": "exact"}, "kitchen 7 of test, variations none"),
+        ({"design": {"placed": []}}, "a kitchen of its own, fast physics, variations none"),
+    ],
+)
+def test_headings_name_the_generated_kitchen(kwargs, shown):
+    assert EnvironmentSpec.make("kitchens", "open", kwargs).variations == shown
