@@ -36,7 +36,7 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "docs" / "experiments" / "results" / "mutants"
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.json")
 LEAST = 0.9
-TIMEOUT = 120.0  # [s] of the tests of one mutant.
+TIMEOUT = 300.0  # [s] of the tests of one mutant.
 MARKS = "not rendering"
 # Libraries that the tests import, loaded once; every mutant is tested in a fork.
 PRELOADED = ("pytest", "hypothesis", "scipy.spatial.transform", "dm_control.composer", "mujoco.batch", "gymnasium")
@@ -71,7 +71,13 @@ TESTS = {
         "tests/tasks/microwave_table/test_microwave_table_task.py",
     ),
     "kitchen_suite/evaluation/protocols.py": ("tests/evaluation/test_protocols.py",),
-    "kitchen_suite/evaluation/results.py": ("tests/evaluation/test_scores.py",),
+    "kitchen_suite/evaluation/scores.py": ("tests/evaluation/test_scores.py",),
+    "kitchen_suite/evaluation/paired.py": ("tests/evaluation/test_paired.py",),
+    "kitchen_suite/evaluation/criteria.py": ("tests/evaluation/test_criteria.py",),
+    "kitchen_suite/evaluation/quality.py": ("tests/evaluation/test_quality_scores.py",),
+    "tasks/quality.py": ("tests/tasks/test_quality.py",),
+    "tasks/pushes.py": ("tests/tasks/variations/test_pushes.py",),
+    "tasks/generated_kitchens/mdp.py": ("tests/tasks/generated_kitchens/test_generated_kitchen_task.py",),
 }
 
 
