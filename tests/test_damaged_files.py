@@ -490,6 +490,7 @@ COMMON = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=20, derandomize=True, **COMMON)
 @given(choice=st.integers(0, 9), damaged=DAMAGED)

@@ -35,6 +35,7 @@ def known_here(monkeypatch, found):
     monkeypatch.setattr(doctor, "expected", lambda here: found)
 
 
+@pytest.mark.full
 def test_facts_are_told_a_line_each(run, quick, monkeypatch):
     monkeypatch.setattr(gl, "find_library", lambda: "egl")
     monkeypatch.setattr(gl, "triton_libraries", lambda: ())
@@ -49,6 +50,7 @@ def test_facts_are_told_a_line_each(run, quick, monkeypatch):
     assert {line.split()[1] for line in lines if line.startswith("digest")} == {*suite.DOMAINS}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("signal", "words"), [(0, "no clash"), (11, "signal 11 ends a program that opens GL before")])
 def test_a_clash_of_gl_and_triton_is_named(run, quick, monkeypatch, signal, words):
     monkeypatch.setattr(gl, "find_library", lambda: "egl")
@@ -94,6 +96,7 @@ def test_a_missing_library_is_a_fact(run, quick, monkeypatch):
     assert "nothing can be rendered: OSError no library was found" in out
 
 
+@pytest.mark.full
 def test_what_fails_is_a_fact(run, monkeypatch, tmp_path):
     def fails(domain, physics):
         raise ValueError("a kitchen\nburns")

@@ -72,6 +72,7 @@ def is_round_trip(arguments):
     return bool(arguments) and isinstance(arguments[0], ast.Call) and name_of(arguments[0].func) in ROUND_TRIPS
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("library", LIBRARIES)
 def test_a_library_that_opens_files_has_one_module(library):
     homes = {

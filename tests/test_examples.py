@@ -52,6 +52,7 @@ def test_an_example_runs(name, line, tmp_path, monkeypatch, capsys):
     assert re.search(f"^{line}$", capsys.readouterr().out, re.MULTILINE)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", OWN_TASKS)
 def test_a_task_of_ones_own_is_equal_single_and_vectorised(name):
     path = EXAMPLES / f"{name}.py"

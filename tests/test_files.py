@@ -39,6 +39,7 @@ def append_lines(path, letter):
         files.append_line(path, letter * 300_000)
 
 
+@pytest.mark.full
 def test_lines_of_several_processes_do_not_mix(tmp_path):
     path = tmp_path / "lines"
     letters = (b"a", b"b", b"c")

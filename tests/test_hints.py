@@ -166,6 +166,7 @@ MISSING_EXTRAS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", MISSING_EXTRAS)
 def test_what_needs_an_extra_names_it(name):
     package, extra = MISSING_EXTRAS[name]

@@ -98,6 +98,7 @@ def test_no_command_imports_what_a_file_names(place, reader, kind):
     assert not (place / "imported").exists()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", NAMES)
 def test_a_specification_from_a_file_names_no_code(place, kind, monkeypatch):
     monkeypatch.chdir(place)

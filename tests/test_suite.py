@@ -100,11 +100,13 @@ def test_specs_fit_what_is_observed(domain, task):
             environment.discount_spec().validate(timestep.discount)
 
 
+@pytest.mark.full
 @every_task
 def test_the_seed_fixes_the_episode(domain, task):
     assert_equal_episodes(rollout(load(domain, task, seed=3)), rollout(load(domain, task, seed=3)))
 
 
+@pytest.mark.full
 @every_task
 def test_another_seed_gives_another_episode(domain, task):
     one, other = (rollout(load(domain, task, seed=seed))[-1].observation for seed in (3, 4))
@@ -134,6 +136,7 @@ def test_observations_are_fresh_memory(domain, task):
     assert not any(np.shares_memory(a, b) for i, a in enumerate(arrays) for b in arrays[:i])
 
 
+@pytest.mark.full
 @every_task
 def test_the_discount_is_zero_only_at_true_ends(domain, task):
     timesteps = rollout(load(domain, task))
@@ -142,6 +145,7 @@ def test_the_discount_is_zero_only_at_true_ends(domain, task):
     assert timesteps[-1].discount == (1.0 if len(timesteps) - 1 == load(domain, task).step_limit else 0.0)
 
 
+@pytest.mark.full
 @every_task
 def test_flat_observation_is_the_concatenation(domain, task):
     flat = suite.load(
@@ -175,6 +179,7 @@ def test_the_kitchens_observables_have_the_public_keys_in_the_order_of_the_59_nu
 LIMITS = [(22.4, 280), (7.0, 88), (0.56, 7), (0.08, 1), (0.01, 1), (0.8, 10)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("time_limit", "steps"), brief(LIMITS, kept=[(0.56, 7), (0.01, 1), (0.8, 10)]))
 def test_an_episode_has_exactly_as_many_steps_as_fit(time_limit, steps):
     assert len(rollout(load("kitchen", "all", time_limit=time_limit))) == steps + 1
@@ -199,6 +204,7 @@ def test_action_scale_wraps_the_kitchen():
         )
 
 
+@pytest.mark.full
 def test_action_noise_draws_from_the_tasks_random_state():
     def positions(scale):
         environment = action_noise.Wrapper(load("kitchen", "all", robot_noise_ratio=0.0), scale=scale)
@@ -217,6 +223,7 @@ def test_profiling_wraps_the_kitchen(request):
     assert environment.step(np.zeros(9)).observation["step_timing"].shape == (2,)
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_pixels_wraps_the_kitchen():
     environment = suite.load("kitchen", "kettle", task_kwargs={"random": 0})

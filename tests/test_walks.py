@@ -1,8 +1,10 @@
 """The files and functions that a call enters are counted in order."""
 
+import pytest
 import walks
 
 
+@pytest.mark.full
 def test_a_walk_lists_what_it_enters_in_order():
     entered = walks.walk(walks.trees.ROOT, "step").entered
     functions = [function.rpartition(".")[2] for _, function in entered]

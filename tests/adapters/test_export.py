@@ -93,6 +93,7 @@ def exported(*arguments):
     assert export.main(["--output=scene", *arguments]) == 0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "arguments", "seed"), brief_named(CASES, ["microwave_table varied"]))
 def test_mujoco_alone_steps_as_the_environment(domain, arguments, seed, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -110,6 +111,7 @@ def test_mujoco_alone_steps_as_the_environment(domain, arguments, seed, tmp_path
     assert float(in_physics) < 1e-12
 
 
+@pytest.mark.full
 def test_a_folder_describes_its_scene(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     values = {"microwave/damping_scale": 0.5, "franka/gain_scale": 1.2}
@@ -193,6 +195,7 @@ def test_a_failure_leaves_nothing(tmp_path, monkeypatch, capsys):
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.full
 def test_a_name_with_a_backslash_is_a_name_as_any_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert export.main(["--output=back\\slash/scene", "--domain_name=microwave_table"]) == 0

@@ -153,6 +153,7 @@ def test_other_observations_are_refused(task_kwargs, shown):
         features_of(spec_of(task_kwargs, domain_name="microwave_table"))
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_pictures_of_goals_are_refused():
     kwargs = {"goal_states": 1, "obs_type": "pixels_agent_pos", "image_size": [8, 8], "cameras": ["workspace"]}

@@ -134,6 +134,7 @@ RUNS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", RUNS)
 @pytest.mark.usefixtures("own_domain")
 def test_a_command_loads_a_domain_of_the_users_own(name, capsys):

@@ -40,6 +40,7 @@ def contents():
     return {path: path.is_file() and path.read_bytes() for path in Path("data").rglob("*")}
 
 
+@pytest.mark.full
 def test_minari_is_the_default(make, run):
     make()
     status, out, error = run(convert, "runs", "--dataset=me/kettle-v0")
@@ -47,6 +48,7 @@ def test_minari_is_the_default(make, run):
     assert out == f"dataset me/kettle-v0 of runs in {os.getcwd()}/datasets/me/kettle-v0\n"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", FILES)
 def test_a_dataset_is_made_once_and_never_replaced(make, run, refusal, name):
     make()
@@ -58,6 +60,7 @@ def test_a_dataset_is_made_once_and_never_replaced(make, run, refusal, name):
     assert contents() == before
 
 
+@pytest.mark.full
 def test_ogbenchs_validation_never_replaces_another_file(make, run, refusal):
     make(count=10)
     assert run(convert, *to_dataset("ogbench", "me/set-val"))[0] == 0
@@ -66,6 +69,7 @@ def test_ogbenchs_validation_never_replaces_another_file(make, run, refusal):
     assert contents() == before
 
 
+@pytest.mark.full
 def test_it_is_a_function_of_plain_arguments(make):
     make()
     made = convert_recording("runs", "d4rl", "me/set", "data")
@@ -74,6 +78,7 @@ def test_it_is_a_function_of_plain_arguments(make):
         assert len(file["actions"]) == 6
 
 
+@pytest.mark.full
 def test_bad_arguments_are_refused_in_one_line(make, refusal, run):
     make(count=1)
     for arguments, shown in {
@@ -103,6 +108,7 @@ def test_bad_arguments_are_refused_in_one_line(make, refusal, run):
     assert "runs holds no episodes" in refusal(convert, *to_dataset("d4rl"))
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize("name", ["ogbench", "d4rl"])
 def test_a_format_without_pictures_says_so(make, refusal, name):
@@ -111,6 +117,7 @@ def test_a_format_without_pictures_says_so(make, refusal, name):
     assert f"a dataset for {title} holds no pictures: record other observations" in refusal(convert, *to_dataset(name))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["robomimic", "ogbench"])
 def test_a_recording_without_physics_states_is_to_be_recorded_again(make, refusal, run, name):
     make()
@@ -133,6 +140,7 @@ WRITES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", FILES)
 def test_a_write_that_fails_leaves_nothing(make, run, refusal, monkeypatch, name):
     make()
@@ -147,6 +155,7 @@ def test_a_write_that_fails_leaves_nothing(make, run, refusal, monkeypatch, name
     assert run(convert, *to_dataset(name))[::2] == (0, "")
 
 
+@pytest.mark.full
 def test_an_interrupt_leaves_nothing(make, run, monkeypatch):
     make()
 
@@ -160,6 +169,7 @@ def test_an_interrupt_leaves_nothing(make, run, monkeypatch):
     assert os.listdir("data/me") == []
 
 
+@pytest.mark.full
 def test_what_a_killed_process_has_left_is_removed(make, run):
     make()
     Path("data/me").mkdir(parents=True)
@@ -168,6 +178,7 @@ def test_what_a_killed_process_has_left_is_removed(make, run):
     assert os.listdir("data/me") == ["set.hdf5"]
 
 
+@pytest.mark.full
 def test_a_dataset_has_the_episodes_that_are_there(make, run):
     make(count=3)
     os.remove("runs/episode_000001.npz")
@@ -177,6 +188,7 @@ def test_a_dataset_has_the_episodes_that_are_there(make, run):
         np.testing.assert_array_equal(file["actions"][()], np.concatenate(expected))
 
 
+@pytest.mark.full
 def test_seeds_that_hdf5_cannot_hold_are_refused(make, run, refusal):
     make(f"--seed={2**63 - 2}")
     assert run(convert, *to_dataset("d4rl"))[0] == 0

@@ -60,6 +60,7 @@ def check_recording(episodes, statistics, *, velocities):
     assert episodes[2].instruction == ""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("timeouts", [False, True])
 def test_a_file_of_d4rl_becomes_a_recording(timeouts, folder, capsys):
     write_d4rl("kitchen_complete-v0.hdf5", timeouts=timeouts)
@@ -72,6 +73,7 @@ def test_a_file_of_d4rl_becomes_a_recording(timeouts, folder, capsys):
     check_recording(*recorded(), velocities=False)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["D4RL/kitchen/complete-v2", "datasets/D4RL/kitchen/complete-v2"])
 def test_a_minari_dataset_becomes_a_recording(name, folder, capsys):
     write_minari()
@@ -85,6 +87,7 @@ def test_a_minari_dataset_becomes_a_recording(name, folder, capsys):
     check_recording(*recorded(), velocities=True)
 
 
+@pytest.mark.full
 def test_arrays_are_those_of_a_recording_of_the_suite(folder):
     write_d4rl("a.hdf5")
     assert convert.main(["a.hdf5", "--output=human"]) == 0
@@ -103,6 +106,7 @@ def test_arrays_are_those_of_a_recording_of_the_suite(folder):
     assert layouts[0] == layouts[1]
 
 
+@pytest.mark.full
 def test_the_same_command_continues_and_other_recordings_are_kept(folder, refusal):
     write_d4rl("a.hdf5")
     write_d4rl("b.hdf5")
@@ -132,6 +136,7 @@ BAD = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", BAD)
 def test_files_of_another_layout_are_refused_in_one_line(case, folder, refusal):
     changes, shown = BAD[case]
@@ -141,6 +146,7 @@ def test_files_of_another_layout_are_refused_in_one_line(case, folder, refusal):
     assert not (folder / "human").exists()
 
 
+@pytest.mark.full
 def test_other_sources_are_refused_in_one_line(folder, refusal):
     (folder / "damaged.hdf5").write_text("no HDF5")
     write_minari("kitchen/short-v0", size=30)

@@ -73,6 +73,7 @@ def test_the_digest_is_of_all_digits_that_are_observed_in_numbers(played):
     assert digest(dataclasses.replace(episode, arrays={**episode.arrays, **pictures})) == digest(episode)
 
 
+@pytest.mark.full
 def test_without_lerobot_the_error_names_the_extra(refusal, run, folder, monkeypatch):
     flags = ["--output=runs", "--num_episodes=1", "--max_episode_steps=2", "--obs_type=environment_state_agent_pos"]
     assert run(record, *flags)[0] == 0
@@ -122,6 +123,7 @@ class StandIn:
         self.is_finalized = True
 
 
+@pytest.mark.full
 def test_every_episode_is_given_to_lerobot(played, tmp_path, monkeypatch):
     observations, episode = played
     library, datasets = types.SimpleNamespace(LeRobotDataset=StandIn), types.ModuleType("datasets")

@@ -23,6 +23,7 @@ def recorded():
     return folder.spec, [folder.load(index) for index in folder.indices]
 
 
+@pytest.mark.full
 def test_recordings_hold_the_tasks_asked_and_replay_to_the_bit(capsys):
     assert record.main([*RECORD, "--num_episodes=4", "--max_episode_steps=3"]) == 0
     assert convert.main(["runs", f"--dataset={ID}"]) == 0

@@ -93,6 +93,7 @@ READERS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", MISSHAPEN)
 def test_misshapen_arrays_are_no_episode(forge, capsys, kind):
     folder = forge(MISSHAPEN[kind])
@@ -103,6 +104,7 @@ def test_misshapen_arrays_are_no_episode(forge, capsys, kind):
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", OTHERS)
 @pytest.mark.parametrize("reader", READERS)
 def test_arrays_of_other_spaces_are_not_computed_with(forge, capsys, reader, kind):

@@ -147,6 +147,7 @@ def test_filters_of_others_are_refused(source):
         hdf5.read_arrays(source, NAMES)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("value", [1e300, 1e11, np.nan, np.inf])
 @pytest.mark.parametrize("name", NAMES[:3])
 def test_numbers_beyond_those_of_a_simulation_are_refused(source, tmp_path, capsys, name, value):

@@ -25,6 +25,7 @@ def experiment():
     return load_script("experiments/experiment")
 
 
+@pytest.mark.full
 def test_an_episode_is_played_from_its_seed(experiment):
     environment = suite.load("kitchen", "kettle", {"visuals": False, "time_limit": 1.0})
     first, second = (experiment.play(environment, "random", seed) for seed in (1, 2))

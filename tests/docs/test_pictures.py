@@ -57,6 +57,7 @@ def test_the_diagram_of_the_grammar_has_every_kind_of_fixture():
     assert [kind for kind in KINDS if kind not in text] == []
 
 
+@pytest.mark.full
 def test_the_diagram_says_what_may_stand_beside_the_robot():
     found = {"oven": set(), "cabinets": set()}
     for placed in (KitchenDesign.drawn(number, "train").placed for number in range(500)):

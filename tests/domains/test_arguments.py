@@ -68,6 +68,7 @@ def bonus():
         del gymnasium.registry[env_id]
 
 
+@pytest.mark.full
 def test_arguments_of_a_users_scene_and_task_reach_them_from_every_front_end(bonus, capsys):
     own = {"malus": 0.5, "elevation": 2.0, "gripper": "sampled"}
     loaded = suite.load("bonus", "open", own).task
@@ -108,6 +109,7 @@ def test_what_the_suite_passes_itself_is_no_argument(name):
         load("kitchen", **{name: 1})
 
 
+@pytest.mark.full
 def test_a_second_environment_inspects_no_signature_again():
     gymnasium.make(DOMAINS["kitchen"].env_id).close()
     inspected = signatures.signature.cache_info().misses
@@ -153,6 +155,7 @@ def test_other_names_still_get_the_nearest_and_the_list():
 # What the errors name, followed.
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_the_control_mode_that_the_error_on_action_limit_names_has_bounds(domain):
     spec = load(domain, control_mode="joint_delta").action_spec()
@@ -160,6 +163,7 @@ def test_the_control_mode_that_the_error_on_action_limit_names_has_bounds(domain
     assert np.isfinite([spec.minimum, spec.maximum]).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_the_other_ways_of_dm_env_exist(domain):
     environment = load(domain, time_limit=0.5)
@@ -173,6 +177,7 @@ def test_the_other_ways_of_dm_env_exist(domain):
         assert environment.task.step_task_completions == []
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_images_are_rendered_by_physics_and_by_dm_controls_cameras():
     environment = suite.load("open_cabinet", "top_drawer")
@@ -183,6 +188,7 @@ def test_images_are_rendered_by_physics_and_by_dm_controls_cameras():
     assert camera.render().shape == (24, 32, 3)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_the_ways_of_gymnasium_exist(domain):
     environment = gymnasium.make(DOMAINS[domain].env_id, obs_type="state", max_episode_steps=2)

@@ -55,6 +55,7 @@ def test_a_specification_has_the_design_and_not_its_path(file):
     assert EnvironmentSpec.make("kitchens", "any", {"design": 7}).task_kwargs == {"design": 7}
 
 
+@pytest.mark.full
 def test_copies_keep_the_design_that_was_read(file):
     single = gymnasium.make(ID, design=str(file)).unwrapped
     by_position = type(single)(file)
@@ -72,6 +73,7 @@ def test_copies_keep_the_design_that_was_read(file):
     assert FIRST.to_json() != SECOND.to_json()
 
 
+@pytest.mark.full
 def test_a_recording_of_another_design_is_not_continued(run, file):
     flags = ["--domain_name=kitchens", "--max_episode_steps=3", "--num_threads=1", "--output=runs"]
     design = f'--task_kwargs={{"design": "{file}"}}'
@@ -110,6 +112,7 @@ def test_a_receipt_names_no_file(run, file):
         EvaluationPlan.of(description)
 
 
+@pytest.mark.full
 def test_certified_tasks_of_a_users_own_certificate_are_in_the_specification(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     number = 3_000_000
@@ -143,6 +146,7 @@ def test_certified_tasks_of_a_users_own_certificate_are_in_the_specification(tmp
         EnvironmentSpec.make("kitchens", "any", {"certified": ["fly"]}).make_environment()
 
 
+@pytest.mark.full
 def test_a_state_is_of_one_kitchen(tmp_path):
     """Of two kitchens whose states have the same sizes."""
     plan = FIRST.to_json()

@@ -46,6 +46,7 @@ def registered():
         del gymnasium.registry[env_id]
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("registered")
 def test_a_registered_domain_is_in_every_table():
     assert suite.TASKS_BY_DOMAIN["pantry"] == ("kettle", "open_all")
@@ -58,6 +59,7 @@ def test_a_registered_domain_is_in_every_table():
     assert PPOHyperparameters.for_domain("pantry", {}) == PPOHyperparameters(num_envs=5)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("registered")
 def test_a_registered_domain_is_played_everywhere(capsys):
     environment = suite.load("pantry", "kettle", {"visuals": False, "random": 0})
@@ -112,6 +114,7 @@ def test_a_class_of_a_users_own_is_represented_by_its_own_name(name):
     assert "TaskOfAUser(" in repr(environment)
 
 
+@pytest.mark.full
 def test_a_domain_needs_six_fields():
     fields = {"scene": build_microwave_table_scene, "task": GentleTask, "tasks": {"open": {}}}
     with registering("gentle", **fields):
@@ -153,6 +156,7 @@ def test_a_domain_of_the_suite_has_the_classes_of_its_task(name):
     assert domain.env_class.default_domain == name
 
 
+@pytest.mark.full
 def test_a_kitchen_of_a_users_has_its_goals_and_its_state_alone():
     tasks = {"half": {"tasks_to_complete": ("kettle", "microwave"), "reward": "dense"}}
     with registering("half", scene=half_scene, task=HalfTask, tasks=tasks):
@@ -164,6 +168,7 @@ def test_a_kitchen_of_a_users_has_its_goals_and_its_state_alone():
         assert env.unwrapped.composer_task.reward_name == "dense"
 
 
+@pytest.mark.full
 def test_an_argument_that_neither_scene_nor_task_has_is_refused():
     with registering("half", scene=half_scene, task=HalfTask, tasks={"half": {}}):
         with pytest.raises(TypeError, match="unexpected argument 'sleep'; choose from"):

@@ -40,6 +40,7 @@ def test_the_observation_has_the_size_of_the_arm():
     assert environment.task.policy_inputs.state_size == 2 * 8 + 41
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("gripper", "width"), [(1.0, 0.0), (-1.0, 0.08)])
 def test_the_last_element_of_the_action_closes_and_opens_the_hand(gripper, width):
     environment, _ = load()
@@ -58,6 +59,7 @@ def test_the_hand_moves_as_the_action_says():
     np.testing.assert_allclose(np.array(hand.xpos) - before, [0, 0, 0.09], atol=0.012)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", ["joint_velocity", "joint_position", "joint_delta"])
 def test_other_control_modes_are_refused(mode):
     with pytest.raises(ValueError, match=f"robot 'my_arm' needs one of the control modes .*ee_pose.*, got '{mode}'"):
@@ -125,6 +127,7 @@ def test_every_name_has_a_robot_of_that_name():
     assert {name: specification.name for name, specification in ROBOTS.items()} == {name: name for name in ROBOTS}
 
 
+@pytest.mark.full
 def test_single_and_vectorised_environments_are_equal():
     single, many = gymnasium.make(KITCHEN, **OPTIONS), gymnasium.make_vec(KITCHEN, 2, **OPTIONS)
     first, second = single.reset(seed=3)[0], many.reset(seed=[3, 4])[0]
@@ -143,6 +146,7 @@ def test_a_state_is_restored():
         np.testing.assert_equal(environment.step(action).observation, observation)
 
 
+@pytest.mark.full
 def test_everything_but_the_robots_start_and_gains_varies():
     environment, _ = load(variations=["start", "layout", "dynamics", "sensing", "push"])
     franka = suite.load("kitchen", "kettle", {"variations": ["start", "layout", "dynamics", "sensing", "push"]})

@@ -237,6 +237,7 @@ def test_visuals_change_no_physics(scene, physics):
     np.testing.assert_array_equal(seen.data.qvel, physics.data.qvel)
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_every_camera_sees_something():
     seen = mjcf.Physics.from_mjcf_model(entities.build_open_cabinet_scene().arena.mjcf_model)

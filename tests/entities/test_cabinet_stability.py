@@ -23,6 +23,7 @@ def run(task, steps, seed, scale=1.0):
     return ends
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("task", brief(["top_drawer", "bottom_drawer"], kept=["top_drawer"]))
 def test_a_few_thousand_random_steps(task):
     assert run(task, 4_000, 0) > 100
@@ -46,6 +47,7 @@ def sinking(env, pose=None):
     return height - env.physics.named.data.site_xpos["franka/gripper"][2]
 
 
+@pytest.mark.full
 def test_actions_of_zeros_let_the_gripper_sink_as_documented():
     env = suite.load("open_cabinet", "top_drawer", {"random": 0, "visuals": False})
     # 0.277 m measured; 0.203 to 0.321 m in 40 random starts.

@@ -83,6 +83,7 @@ def drawn():
     return {split: [KitchenDesign.make(number, split) for number in range(COUNT)] for split in SPLITS}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("count", [10, pytest.param(200, marks=pytest.mark.full)])
 def test_drawn_designs_are_possible_when_they_are_read_from_json(drawn, count):
     # All of them: docs/experiments/kitchens.py designs.
@@ -113,6 +114,7 @@ def test_numbers_of_numpy_and_read_only_mappings_are_read_as_json_is():
     assert read.rows[0].fixtures[0] == DrawersDesign(width=0.5, height=0.31, count=1, handle="bar")
 
 
+@pytest.mark.full
 def test_splits_share_no_sequence_of_fixtures(drawn):
     train, test = ({kitchen.sequence for kitchen in drawn[split]} for split in SPLITS)
     assert not train & test
@@ -293,6 +295,7 @@ def varied():
     return numbers
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("design", varied())
 def test_visuals_do_not_change_the_physics_and_parts_begin_at_rest(design):
     one, other = (compiled(design, visuals=visuals) for visuals in (False, True))

@@ -73,6 +73,7 @@ def test_visuals_do_not_change_the_physics(scene, physics):
     np.testing.assert_array_equal(physics.data.qpos, visible.data.qpos)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("camera", ["overview", "left", "right", "franka/wrist"])
 def test_cameras_see_the_microwave(camera):
     physics = compile_at_start(build_microwave_table_scene())

@@ -128,6 +128,7 @@ def test_a_longdouble_action_beyond_float64_is_refused_without_numpys_warning(do
         environment.step(np.full(size, np.longdouble("1e400")))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("action", [[0] * 9, (0.5,) * 9, np.ones(9, np.float32), np.ones(9, np.int8)])
 def test_actions_of_any_real_type_are_taken(action):
     environment = load()

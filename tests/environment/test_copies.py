@@ -57,6 +57,7 @@ def test_a_copy_has_the_arguments_of_the_environment(quality):
     assert bool(copied.task.quality) == quality
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("copied", COPIES.values(), ids=COPIES)
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_a_copy_in_mid_episode_continues_to_the_bit(domain, copied):
@@ -76,6 +77,7 @@ OPTIONS = {
 CASES = [(domain, name) for domain in DOMAINS for name in OPTIONS]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "name"), CASES)
 def test_options_are_copied(domain, name):
     options = OPTIONS[name]
@@ -96,6 +98,7 @@ def test_options_are_copied(domain, name):
     assert_continues_equally(environment, twin)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", ["kitchen", "kitchens"])
 def test_the_fast_physics_is_copied(domain):
     environment = load(domain, physics="fast")
@@ -103,6 +106,7 @@ def test_the_fast_physics_is_copied(domain):
     assert_continues_equally(environment, copy.deepcopy(environment))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_a_copy_before_the_first_episode_starts_the_same_one(domain):
     environment = load(domain)
@@ -131,6 +135,7 @@ def test_copies_are_independent_and_can_be_copied_again():
     np.testing.assert_array_equal(environment.get_state()["physics"], before["physics"])
 
 
+@pytest.mark.full
 def test_changing_the_arguments_afterwards_does_not_change_copies():
     goals = {"kettle": [-0.2, 0.7, 1.6, 1.0, 0.0, 0.0, 0.0]}
     environment = suite.load("kitchen", "kettle", {"goals": goals, "visuals": False})
@@ -196,6 +201,7 @@ EDITS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("make", EDITS.values(), ids=EDITS)
 @pytest.mark.parametrize("copied", [copy.deepcopy, COPIES["pickle"]], ids=["deepcopy", "pickle"])
 def test_what_a_copy_would_lose_is_refused_with_the_way_to_take(make, copied):
@@ -204,6 +210,7 @@ def test_what_a_copy_would_lose_is_refused_with_the_way_to_take(make, copied):
         copied(environment)
 
 
+@pytest.mark.full
 def test_the_way_that_the_errors_name_continues_to_the_bit():
     environment, other = make_by_hand(), make_by_hand()
     for each in (environment, other):
@@ -231,6 +238,7 @@ def test_vectors_cannot_be_copied_and_say_so():
     environments.close()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("episode_seeds", [True, 3])
 def test_a_copy_with_episode_seeds_and_another_control_step_plays_the_same_later_episodes(episode_seeds):
     options = {"random": 5, "visuals": False, "episode_seeds": episode_seeds, "control_timestep": 0.04}

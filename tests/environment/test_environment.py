@@ -37,6 +37,7 @@ def count_physics_calls(environment):
     return calls
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("legacy_step", [True, False])
 def test_it_steps_exactly_as_composer_does(legacy_step):
     ours = Environment(make_task(), random_state=1, legacy_step=legacy_step)
@@ -44,6 +45,7 @@ def test_it_steps_exactly_as_composer_does(legacy_step):
     np.testing.assert_array_equal(trajectory(ours), trajectory(stock))
 
 
+@pytest.mark.full
 def test_all_substeps_are_one_call_without_substep_hooks_and_buffers():
     environment = Environment(make_task())
     environment.reset()
@@ -57,6 +59,7 @@ class PropWithSubstepHook(Primitive):
         self.substeps += 1
 
 
+@pytest.mark.full
 def test_an_entitys_substep_hook_is_called_for_each_substep():
     task, prop = make_task(), PropWithSubstepHook(geom_type="sphere", size=(0.02,), name="ball")
     task.scene.attach(prop)
@@ -66,6 +69,7 @@ def test_an_entitys_substep_hook_is_called_for_each_substep():
     assert prop.substeps == 40
 
 
+@pytest.mark.full
 def test_a_users_substep_hook_is_called_for_each_substep_even_when_added_late():
     environment = Environment(make_task())
     environment.reset()
@@ -76,6 +80,7 @@ def test_a_users_substep_hook_is_called_for_each_substep_even_when_added_late():
     np.testing.assert_allclose(times, 0.08 + 0.002 * np.arange(1, 41))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "settings", brief([{"buffer_size": 5}, {"update_interval": 10}, {"delay": 3}], kept=[{"delay": 3}])
 )
@@ -161,6 +166,7 @@ def test_a_fixed_initial_state_repeats_itself():
     np.testing.assert_array_equal(trajectory(environment, 3), trajectory(environment, 3))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("random", [5, np.random.RandomState(np.random.PCG64(5))])
 def test_a_random_state_given_to_an_environment_with_a_fixed_initial_state_is_the_fixed_one(random):
     environment = suite.load("kitchen", "all", {"random": 0, "visuals": False}, {"fixed_initial_state": True})
@@ -171,6 +177,7 @@ def test_a_random_state_given_to_an_environment_with_a_fixed_initial_state_is_th
     np.testing.assert_array_equal(trajectory(environment, 3), after)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("legacy_step", [True, False])
 def test_a_state_brings_back_physics_task_and_random_stream(legacy_step):
     environment = Environment(make_task(), random_state=1, legacy_step=legacy_step, time_limit=1.0)

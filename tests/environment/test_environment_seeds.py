@@ -34,6 +34,7 @@ def play(environment, *lengths, reset=True):
     return episodes
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_an_episode_does_not_depend_on_the_lengths_of_those_before_it(domain):
     short, long = (play(load(domain, episode_seeds=True), *lengths) for lengths in ((3, 0, 4), (7, 2, 4)))
@@ -43,6 +44,7 @@ def test_an_episode_does_not_depend_on_the_lengths_of_those_before_it(domain):
     assert len({episode[0].tobytes() for episode in short}) == 3
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_episode_k_is_the_first_one_of_seed_plus_k(domain):
     episodes = play(load(domain, episode_seeds=True), 2, 0, 3)
@@ -55,6 +57,7 @@ def test_a_number_is_the_distance_between_seeds():
     np.testing.assert_array_equal(strided[1], play(load(random=8), 1)[0])
 
 
+@pytest.mark.full
 def test_by_default_the_stream_goes_on():
     one, other = play(load(), 3, 0), play(load(), 7, 0)
     assert (one[1] != other[1]).any()
@@ -68,6 +71,7 @@ def test_it_may_be_an_environment_argument_as_well():
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.full
 def test_steps_that_start_episodes_count_as_resets():
     stepped, reset = load(episode_seeds=True, time_limit=0.24), load(episode_seeds=True)
     stepped.reset()
@@ -105,6 +109,7 @@ def test_large_seeds_are_counted_exactly():
     np.testing.assert_array_equal(play(other, 0)[0], play(load(random=2**100 + 1), 0)[0])
 
 
+@pytest.mark.full
 def test_a_seed_set_later_is_that_of_the_next_episode():
     environment = load(episode_seeds=True)
     play(environment, 2)
@@ -157,6 +162,7 @@ def test_a_random_state_set_later_is_refused_and_nothing_changes():
     np.testing.assert_array_equal(play(environment, 1)[0], play(other, 1)[0])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("spoil", "error"),
     [

@@ -32,6 +32,7 @@ def spec(request):
     return spec_of(*request.param)
 
 
+@pytest.mark.full
 def test_one_environment_and_many_record_the_same_states(spec):
     played = played_together(spec, COUNT, 2)
     with contextlib.closing(spec.make_environment()) as environment:
@@ -42,6 +43,7 @@ def test_one_environment_and_many_record_the_same_states(spec):
             assert_same_arrays(replay_episode(environment, episode, spec.seeding).arrays, episode.arrays)
 
 
+@pytest.mark.full
 def test_sensors_read_the_same_in_a_recorded_state(spec):
     rollout = rollout_of(spec)
     with contextlib.closing(rollout.environment):

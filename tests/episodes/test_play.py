@@ -107,6 +107,7 @@ def test_ten_episodes_are_played_from_seed_0_on(run):
     assert successes(out) == [(0, 10)]
 
 
+@pytest.mark.full
 def test_the_seed_fixes_the_table(run):
     _, one, _ = run("--novideo", "--seed=4", "--num_episodes=2")
     _, other, _ = run("--novideo", "--seed=4", "--num_episodes=2")
@@ -114,6 +115,7 @@ def test_the_seed_fixes_the_table(run):
     assert [row.split()[1] for row in rows(one)] == ["4", "5"]
 
 
+@pytest.mark.full
 def test_the_number_of_control_steps_can_be_limited(run):
     steps = [row.split()[3] for row in rows(run("--novideo", "--num_episodes=2")[1])]
     assert steps == ["10", "10"]
@@ -222,6 +224,7 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, tmp_path, argument):
     assert BAD[argument] in err
 
 
+@pytest.mark.full
 def test_a_policy_of_other_sizes_gets_one_line_and_status_2(run, tmp_path):
     path = tmp_path / "policy.npz"
     policy = TrainedPolicy.load(path)
@@ -289,6 +292,7 @@ def test_a_video_that_is_asked_for_is_an_error_where_nothing_can_be_rendered(run
     assert err.startswith("kitchen-play: nothing can be rendered here with MUJOCO_GL=")
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_the_first_episodes_are_filmed(run):
     status, out, err = run("--num_episodes=3", "--video_episodes=1", "--video=film.mp4", *SMALL)
@@ -301,6 +305,7 @@ def test_the_first_episodes_are_filmed(run):
         assert [frame.shape for frame in reader] == [(70, 96, 3)] * 2
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_by_default_the_first_episode_is_filmed(run):
     status, out, err = run("--num_episodes=2", "--max_episode_steps=1", *SMALL)
@@ -311,6 +316,7 @@ def test_by_default_the_first_episode_is_filmed(run):
         assert sum(1 for _ in reader) == 1
 
 
+@pytest.mark.full
 def test_without_a_video_no_gl_library_is_loaded(run):
     script = """
 import sys
@@ -327,6 +333,7 @@ assert "dm_control._render.glfw_renderer" not in sys.modules
     assert (process.returncode, process.stderr) == (0, "")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_gets_one_line_and_the_summary(tmp_path, number):
     write_policy(tmp_path / "policy.npz")

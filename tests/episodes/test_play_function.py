@@ -31,6 +31,7 @@ def assert_same(one, other):
         assert episode.metrics == other[seed].metrics
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("num_envs", [2, 5])
 def test_an_episode_depends_on_its_seed_alone(num_envs):
     alone = by_seed(kitchen_suite.play(kitchen(), "random", [3, 9, 4]))
@@ -41,6 +42,7 @@ def test_an_episode_depends_on_its_seed_alone(num_envs):
         np.testing.assert_array_equal(array, alone[9].arrays[name], name)
 
 
+@pytest.mark.full
 def test_an_episode_is_that_of_the_gymnasium_environment():
     spec = kitchen()
     (episode,) = kitchen_suite.play(spec, "random", [7])
@@ -62,6 +64,7 @@ def of_batch(observations):
     return 0.01 * observations["observation"][:, :9]
 
 
+@pytest.mark.full
 def test_a_callable_may_take_a_time_step_an_observation_or_a_batch():
     spec = EnvironmentSpec.make("kitchen", "kettle", {"robot_noise_ratio": 0.0}, LIMIT)
     one = by_seed(kitchen_suite.play(spec, of_observation, range(3), takes="observation", num_envs=2))
@@ -71,6 +74,7 @@ def test_a_callable_may_take_a_time_step_an_observation_or_a_batch():
     np.testing.assert_array_equal(episode.arrays["action"], np.full((LIMIT, 9), np.float32(0.1)))
 
 
+@pytest.mark.full
 def test_a_file_is_a_policy():
     file = shipped_as("kettle")
     trained_for = load_policy(file).metadata
@@ -88,6 +92,7 @@ BAD_BATCHES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", BAD_BATCHES)
 def test_bad_actions_of_a_batch_are_refused(case):
     policy, shown = BAD_BATCHES[case]
@@ -109,6 +114,7 @@ def test_bad_arguments_are_refused():
         PolicyRef.of(3)
 
 
+@pytest.mark.full
 def test_a_recording_is_of_what_play_plays(tmp_path):
     made = kitchen_suite.record(tmp_path / "runs", kitchen(), "random", num_episodes=3, seed=5, num_envs=2)
     assert_same(by_seed(kitchen_suite.play(kitchen(), "random", range(5, 8))), by_seed(made))
@@ -119,12 +125,14 @@ def test_a_recording_is_of_what_play_plays(tmp_path):
         kitchen_suite.record(tmp_path / "runs", kitchen(), "zero", num_episodes=4, seed=5)
 
 
+@pytest.mark.full
 def test_a_recording_of_a_callable_replays_without_it(tmp_path):
     made = kitchen_suite.record(tmp_path / "runs", kitchen(), of_batch, takes="batch", num_episodes=2)
     assert made.spec.policy == f"object {__name__}.of_batch"
     assert kitchen_suite.replay(tmp_path / "runs") == 0
 
 
+@pytest.mark.full
 def test_an_evaluation_has_the_numbers_of_the_command(tmp_path, run):
     evaluation = kitchen_suite.evaluate(
         "expert", num_episodes=2, max_episode_steps=LIMIT, receipt=tmp_path / "receipt.npz"
@@ -136,6 +144,7 @@ def test_an_evaluation_has_the_numbers_of_the_command(tmp_path, run):
     assert kitchen_suite.replay(tmp_path / "receipt.npz") == 0
 
 
+@pytest.mark.full
 def test_a_batched_policy_is_evaluated(tmp_path):
     evaluation = kitchen_suite.evaluate(
         of_batch, takes="batch", task_name="kettle", num_episodes=3, max_episode_steps=LIMIT, num_envs=2

@@ -49,6 +49,7 @@ def played(rollout, policy, backs):
     return rollout.buffer.arrays()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", brief(KINDS, ["kitchen"], full=KINDS))
 def test_what_is_left_is_as_if_it_had_never_gone_otherwise(kind, tmp_path):
     spec = spec_of(**KINDS[kind])

@@ -92,6 +92,7 @@ def episode_files(folder):
     return files
 
 
+@pytest.mark.full
 def test_without_arguments_it_plays_three_random_episodes_of_the_benchmark(run):
     status, out, err = run()
     assert (status, err) == (0, "")
@@ -156,6 +157,7 @@ def test_the_policy_draws_from_a_stream_of_its_own(run):
 RECORDED = ("random", "my_policies:act", "my_policies:act_and_overwrite", "my_policies:far")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("policy", brief(RECORDED, kept=["my_policies:act_and_overwrite"]))
 def test_an_episode_file_holds_what_suite_load_returns_when_the_actions_are_replayed(run, policy):
     task_kwargs = {"feedback": "true", "threshold": 0.5}
@@ -225,6 +227,7 @@ def assert_replays_in_suite_load(spec, seed, arrays):
             np.testing.assert_array_equal(observation[key], timestep.observation[key], key)
 
 
+@pytest.mark.full
 def test_completion_steps_are_in_the_file(run):
     run("--num_episodes=1", "--task_name=microwave", '--task_kwargs={"threshold": 9}', "--output=runs")
     metadata, arrays = load_episode("runs/episode_000000.npz")
@@ -272,6 +275,7 @@ def test_an_interrupt_at_the_beginning_of_an_array_is_an_interrupt(run, monkeypa
     assert episode_files("runs") == []
 
 
+@pytest.mark.full
 def test_only_the_plain_command_names_one_to_try_next(run):
     assert HINT not in run(*SHORT)[1]
 
@@ -295,6 +299,7 @@ def test_diverging_physics_gets_one_line(run, monkeypatch):
     assert run()[::2] == (1, "kitchen-rollout: Physics state has become invalid.\n")
 
 
+@pytest.mark.full
 def test_episodes_are_never_overwritten(run):
     run("--num_episodes=1", "--output=runs", *SHORT)
     before = load_episode("runs/episode_000000.npz")[0]
@@ -410,6 +415,7 @@ def test_nothing_is_made_before_all_arguments_are_known_to_be_good(run, argument
     assert not os.path.exists("runs")
 
 
+@pytest.mark.full
 def test_list_names_domains_tasks_and_cameras(run):
     status, out, err = run("--list")
     assert (status, err) == (0, "")
@@ -419,12 +425,14 @@ def test_list_names_domains_tasks_and_cameras(run):
     assert max(map(len, out.splitlines())) <= 100
 
 
+@pytest.mark.full
 def test_flags_are_not_global_and_reset_before_each_run(run):
     assert rows(run("--seed=5", "--num_episodes=1", *SHORT)[1])[0]["seed"] == "5"
     assert rows(run("--num_episodes=1", *SHORT)[1])[0]["seed"] == "0"
     assert "num_episodes" not in flags.FLAGS
 
 
+@pytest.mark.full
 def test_a_video_without_ffmpeg_names_what_to_install(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     monkeypatch.setattr(gl, "prepare", lambda rendering: None)
@@ -438,6 +446,7 @@ def in_a_process(*arguments, unset=(), **variables):
     return subprocess.run(arguments, env={**environment, **variables}, capture_output=True, text=True, timeout=60)
 
 
+@pytest.mark.full
 def test_as_a_process_it_does_the_same(run):
     process = in_a_process(*COMMAND, "--seed=4", *SHORT)
     assert (process.returncode, process.stderr) == (0, "")
@@ -447,6 +456,7 @@ def test_as_a_process_it_does_the_same(run):
     assert process.stderr == "kitchen-rollout: there is no flag --sed (did you mean --seed?); --help lists all\n"
 
 
+@pytest.mark.full
 def test_without_a_video_no_gl_library_is_loaded():
     script = """
 import sys
@@ -462,6 +472,7 @@ assert "dm_control._render.glfw_renderer" not in sys.modules
     assert (process.returncode, process.stderr) == (0, "")
 
 
+@pytest.mark.full
 def test_a_gl_library_that_does_not_exist_is_an_error_for_videos_alone(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert in_a_process(*COMMAND, *SHORT, MUJOCO_GL="nonsense").returncode == 0
@@ -470,6 +481,7 @@ def test_a_gl_library_that_does_not_exist_is_an_error_for_videos_alone(tmp_path,
     assert re.fullmatch(r"kitchen-rollout: .*MUJOCO_GL .nonsense. does not exist; choose from[^\n]+\n", process.stderr)
 
 
+@pytest.mark.full
 def test_a_reader_that_leaves_sees_no_traceback():
     with subprocess.Popen(
         [*COMMAND, "--num_episodes=1000", *SHORT], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -480,6 +492,7 @@ def test_a_reader_that_leaves_sees_no_traceback():
         assert process.stderr.read() == ""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", brief([signal.SIGINT, signal.SIGTERM], kept=[signal.SIGINT]))
 def test_a_signal_keeps_the_finished_episodes(tmp_path, number):
     with open_process([*COMMAND, "--num_episodes=100000", f"--output={tmp_path}", *SHORT]) as process:

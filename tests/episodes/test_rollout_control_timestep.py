@@ -21,6 +21,7 @@ def flags(domain):
     return [f"--domain_name={domain}", f"--control_timestep={STEPS[domain]}", *SHORT]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("command", [record, rollout])
 @pytest.mark.parametrize("domain", STEPS)
 def test_recordings_name_it_and_can_be_replayed(tmp_path, capsys, command, domain):
@@ -35,6 +36,7 @@ def test_recordings_name_it_and_can_be_replayed(tmp_path, capsys, command, domai
     assert replay.main([str(tmp_path)]) == 0
 
 
+@pytest.mark.full
 def test_a_recording_is_the_episode_of_the_environment(tmp_path):
     assert record.main([*flags("kitchen"), f"--output={tmp_path}", "--seed=3"]) == 0
     env = gymnasium.make(suite.DOMAINS["kitchen"].task_ids["complete"], control_timestep=0.04)
@@ -62,6 +64,7 @@ def test_bad_values_end_with_status_2(tmp_path, capsys, flag):
     assert "control_timestep" in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_it_may_be_among_the_task_kwargs_but_not_twice_with_different_values(tmp_path, capsys):
     given = '--task_kwargs={"control_timestep": 0.04}'
     assert record.main([*SHORT, given, f"--output={tmp_path / 'one'}"]) == 0
@@ -72,6 +75,7 @@ def test_it_may_be_among_the_task_kwargs_but_not_twice_with_different_values(tmp
     assert "control_timestep" in capsys.readouterr().err
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", STEPS)
 def test_demonstrations_of_other_control_steps_are_refused(tmp_path, domain):
     default = suite.load(domain, suite.default_task(domain), {"visuals": False}).control_timestep()

@@ -18,6 +18,7 @@ def recorded(folder):
     return [load_episode(folder / f"episode_{k:06d}.npz")[1]["observation/observation"] for k in range(3)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("given", [[], ['--task_kwargs={"episode_seeds": true}']])
 def test_recorded_episodes_are_those_of_an_environment_of_the_seed(tmp_path, given):
     assert record.main([*FLAGS, "--num_envs=2", f"--output={tmp_path}", *given]) == 0
@@ -28,6 +29,7 @@ def test_recorded_episodes_are_those_of_an_environment_of_the_seed(tmp_path, giv
         np.testing.assert_array_equal([each[0]["observation"] for each in found][: STEPS + 1], expected)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("given", [[], ['--task_kwargs={"episode_seeds": true}']])
 def test_rollouts_are_those_of_suite_load_with_the_seed(tmp_path, given):
     assert rollout.main([*FLAGS, f"--output={tmp_path}", *given]) == 0

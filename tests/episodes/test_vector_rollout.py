@@ -65,6 +65,7 @@ def test_environments_without_an_episode_are_not_simulated(monkeypatch, num_envs
     assert masks.sum() == sum(lengths) < masks.size
 
 
+@pytest.mark.full
 def test_labels_of_policies_are_those_of_episodes_played_alone():
     spec = EnvironmentSpec.make(domain_name="kitchen", task_name="kettle", task_kwargs={}, max_episode_steps=LIMIT)
     episodes = spec.episodes(PolicyRef.parse("takeover(latest=8)"), seed=0)

@@ -146,6 +146,7 @@ def test_episodes_that_ask_for_other_tasks_are_refused():
         kitchen_suite.compare(one, dataclasses.replace(one, results={name: changed}))
 
 
+@pytest.mark.full
 def test_what_policies_observe_may_differ():
     pixels = (("obs_type", "pixels_agent_pos"), ("image_size", (32, 32)))
     flat = (("goal_format", "flat"),)
@@ -164,6 +165,7 @@ def test_conditions_are_paired_each_by_itself():
     assert record["variations"] == "variations none"
 
 
+@pytest.mark.full
 def test_variations_that_differ_by_condition_are_not_those_of_the_first():
     shift = evaluated(protocol="shift", num_episodes=1)
     assert kitchen_suite.compare(shift, shift).as_json()["variations"] == "variations by condition"
@@ -238,6 +240,7 @@ def test_the_command_prints_and_writes(run, receipts, tmp_path):
     assert len(json.loads(path.read_text("utf-8"))["comparisons"]) == 3
 
 
+@pytest.mark.full
 def test_what_cannot_be_paired_ends_with_status_2(run, receipts, folder):
     assert run(evaluate_command, *SMALL, "--seed=5", "--receipt=other.npz")[0] == 0
     status, out, err = run(compare_command, "other.npz", str(receipts / "zero.npz"))
@@ -245,6 +248,7 @@ def test_what_cannot_be_paired_ends_with_status_2(run, receipts, folder):
     assert "seeds [5, 6, 7] in other alone" in err
 
 
+@pytest.mark.full
 def test_rows_of_episodes_can_be_paired(run, folder):
     """The remedies of the messages about files without episodes, and about folders of evaluations, are followed."""
     status, out, _ = run(evaluate_command, *SMALL, "--episodes", "--json=rows.json", "--receipt=a.npz")
@@ -264,6 +268,7 @@ def test_rows_of_episodes_can_be_paired(run, folder):
     assert run(compare_command, "again.json", "rows.json")[0] == 0
 
 
+@pytest.mark.full
 def test_recordings_are_paired_by_seed(folder):
     spec = EnvironmentSpec.make("kitchen", "kettle", {}, max_episode_steps=3)
     for name, policy, seed in (("a", "random", 4), ("b", "zero", 4), ("c", "zero", 5)):
@@ -275,6 +280,7 @@ def test_recordings_are_paired_by_seed(folder):
         kitchen_suite.compare("a", "c")
 
 
+@pytest.mark.full
 def test_a_recording_and_an_evaluation_are_no_pair(receipts, folder):
     spec = EnvironmentSpec.make("kitchen", "random_4", {}, max_episode_steps=3)
     kitchen_suite.record("a", spec, "random", num_episodes=1)
@@ -340,6 +346,7 @@ def differing(receipts):
     return PairedComparison(first=comparison.first, second=comparison.second, pairs={name: pairs})
 
 
+@pytest.mark.full
 def test_episodes_are_played_again_as_they_were(receipts):
     comparison = differing(receipts)
     ((one, _),) = comparison.differing
@@ -349,6 +356,7 @@ def test_episodes_are_played_again_as_they_were(receipts):
     np.testing.assert_array_equal(buffer.arrays()["action"], comparison.first.recorded.actions("random_4", 2))
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_a_video_shows_both_policies_with_their_names(receipts, folder):
     import imageio.v2 as imageio

@@ -27,6 +27,7 @@ def states():
     return np.concatenate([starts[np.newaxis], states])
 
 
+@pytest.mark.full
 def test_a_goal_is_reached_where_all_objects_are(states):
     """Against the sum of squares, state by state: those of the last of the goals count."""
     generator = np.random.default_rng(1)
@@ -107,6 +108,7 @@ def test_lexa_counts_any_control_step_after_the_reset(states):
     ]
 
 
+@pytest.mark.full
 def test_earls_success_is_the_published_one(states):
     """A norm over the objects but the kettle, at most 0.3."""
     goal = [2.456005e-05, 2.9547007e-07, 2.4559975e-05, 2.954692e-07, 2.4559975e-05, 2.954692e-07, 2.4559975e-05]

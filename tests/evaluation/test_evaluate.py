@@ -56,6 +56,7 @@ def test_the_scores_are_printed_and_written(run, tmp_path):
     assert not list(tmp_path.glob("*/"))
 
 
+@pytest.mark.full
 def test_the_json_does_not_depend_on_how_episodes_are_played(run, tmp_path):
     for number, flags in enumerate(["--num_envs=1 --num_threads=1", "--num_envs=3", "--num_envs=64 --num_threads=2"]):
         assert run(f"--json={number}.json", "--task_name=kettle", *flags.split())[0] == 0
@@ -90,6 +91,7 @@ def test_a_domain_without_tasks_to_count_has_success_and_progress(run, tmp_path)
     assert "order entropy" not in out
 
 
+@pytest.mark.full
 def test_every_condition_of_a_protocol_is_scored(run, tmp_path):
     status, out, _ = run("--protocol=d4rl", "--json=a.json", "--num_episodes=1", "--max_episode_steps=1")
     assert status == 0
@@ -190,6 +192,7 @@ def test_a_killed_evaluation_ends_with_the_same_json(run, tmp_path):
     assert len(lines(tmp_path / "runs")) == 40
 
 
+@pytest.mark.full
 def test_another_evaluations_folder_is_refused(run, tmp_path):
     assert run(*KETTLE, "--num_episodes=1", "--max_episode_steps=1")[0] == 0
     folder = tmp_path / "runs"
@@ -209,6 +212,7 @@ def test_another_evaluations_folder_is_refused(run, tmp_path):
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "line", brief(["", "{}", "[", '"x"', "\xff", "ANOTHER NAME", "ANOTHER SEED"], kept=["{}", "ANOTHER SEED"])
 )
@@ -241,6 +245,7 @@ EDITS = {
 }
 
 
+@pytest.mark.full
 def test_edited_lines_are_not_resumed_from(run, tmp_path):
     tiny = ("--task_name=kettle", "--output=runs", "--num_episodes=1", "--max_episode_steps=1")
     assert run(*tiny)[0] == 0

@@ -280,6 +280,7 @@ def test_a_protocol_cannot_be_changed(settings, values):
         type(settings)(*values.values())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "name", brief(PROTOCOLS, [name for name in PROTOCOLS if name not in ("shift", *LONG)], full=LONG)
 )
@@ -295,6 +296,7 @@ def test_a_protocol_has_its_numbers(name, dataset):
     assert made.score == (score and Score(name=score[0], best=score[1], tasks=score[2]))
 
 
+@pytest.mark.full
 def test_diffusion_policys_episodes_are_those_of_its_code():
     (spec,) = plan(protocol="diffusion-policy").specs.values()
     environment = spec.make_environment()
@@ -388,6 +390,7 @@ def test_one_task_replaces_all_conditions_and_keeps_the_score_of_its_own_sets(ta
     assert (made.score and made.score.best) == score
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("task_kwargs", "has_score"),
     [
@@ -405,6 +408,7 @@ def test_arguments_in_which_conditions_differ_are_not_replaced():
         plan(protocol="shift", task_kwargs={"variations": ["start"]})
 
 
+@pytest.mark.full
 def test_the_expert_gets_the_poses_that_it_needs_where_layouts_vary():
     made = plan(policy="expert", task_name="kettle", task_kwargs={"variations": ["layout"]})
     assert made.first.task_kwargs["extra_observables"] == ["franka/base_pose"]
@@ -416,6 +420,7 @@ def test_the_expert_gets_the_poses_that_it_needs_where_layouts_vary():
     assert given.first.task_kwargs["extra_observables"] == ["microwave/pose", "franka/base_pose"]
 
 
+@pytest.mark.full
 def test_a_description_has_no_path(tmp_path):
     file = tmp_path / "own.npz"
     shutil.copyfile(shipped_as("kettle"), file)
@@ -436,6 +441,7 @@ def test_values_are_the_protocols_by_default():
     assert all(values[name].value is None for name in replaced)
 
 
+@pytest.mark.full
 def test_goals_are_those_of_the_dataset(dataset):
     folder = Recording.open(dataset)
     episodes = [folder.load(index).arrays["observation/observation"][:, criteria.STATE] for index in folder.indices]
@@ -454,6 +460,7 @@ def test_goals_are_those_of_the_dataset(dataset):
     assert len({each.description["goals_sha256"] for each in (demonstrated, reached, later)}) == 3
 
 
+@pytest.mark.full
 def test_recorded_actions_lead_to_the_goal(dataset):
     """From the start of a goal, which is at rest, some of the recorded actions lead to the goal."""
     folder, made = Recording.open(dataset), plan(protocol="goal-reaching", dataset=dataset, num_episodes=6)
@@ -489,6 +496,7 @@ def test_a_dataset_is_given_where_it_is_needed(settings, shown):
         plan(**settings)
 
 
+@pytest.mark.full
 def test_states_are_measured_and_goals_taken_with_the_franka_alone(dataset, tmp_path):
     for protocol in ("metra", "lexa", "earl", "beso"):
         with refused(ValueError, repr(protocol), "'franka'", "'panda'"):
@@ -500,6 +508,7 @@ def test_states_are_measured_and_goals_taken_with_the_franka_alone(dataset, tmp_
         plan(protocol="goal-reaching", dataset=runs)
 
 
+@pytest.mark.full
 def test_a_dataset_without_goals_is_named(tmp_path):
     folder = tmp_path / "runs"
     assert record.main([f"--output={folder}", "--policy=zero", "--num_episodes=1", "--max_episode_steps=3"]) == 0

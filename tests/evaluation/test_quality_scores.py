@@ -34,6 +34,7 @@ def test_clean_success_needs_success_nothing_disturbed_and_little_force_on_the_a
     assert not quality.measures(True, infos(peak_arm_contact_force=above))[CLEAN_SUCCESS]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", brief(suite.DOMAINS, ["kitchen", "open_cabinet"], suite.DOMAINS))
 def test_every_domain_is_scored_by_the_protocol_clean(domain):
     evaluation = kitchen_suite.evaluate("random", protocol="clean", domain_name=domain, **SHORT)
@@ -42,6 +43,7 @@ def test_every_domain_is_scored_by_the_protocol_clean(domain):
     assert evaluation.scores["energy"] > 0.0
 
 
+@pytest.mark.full
 def test_quality_adds_measures_to_other_scores_and_replaces_nothing_of_the_protocol():
     plain = kitchen_suite.evaluate("random", **SHORT)
     measured = kitchen_suite.evaluate("random", quality=True, **SHORT)
@@ -56,6 +58,7 @@ def test_quality_adds_measures_to_other_scores_and_replaces_nothing_of_the_proto
     assert "conditions" in without.plan.replaced
 
 
+@pytest.mark.full
 def test_measures_are_those_of_the_episode_that_its_seed_plays_alone():
     evaluation = kitchen_suite.evaluate("random", quality=True, seed=3, **SHORT)
     spec = EnvironmentSpec.make("kitchen", "random_4", {"quality": True, "variations": ["start"]}, 4)
@@ -67,6 +70,7 @@ def test_measures_are_those_of_the_episode_that_its_seed_plays_alone():
         assert {name: measures[name] for name in INFOS} == {name: float(episode.last_info[name]) for name in INFOS}
 
 
+@pytest.mark.full
 def test_a_receipt_with_quality_is_checked(run, folder):
     flags = ["--policy=random", "--num_episodes=2", "--max_episode_steps=3", "--num_threads=1"]
     status, output, _ = run(evaluate_command, "--quality", *flags, "--receipt=r.npz", "--json=r.json")

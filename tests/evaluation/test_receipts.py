@@ -44,6 +44,7 @@ def written(tmp_path_factory):
     return path
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "flags",
     [
@@ -71,6 +72,7 @@ def test_a_receipt_is_confirmed_without_the_policy(run, flags):
     assert sum("95 % interval" in line for line in lines) >= len(receipt.results)
 
 
+@pytest.mark.full
 def test_the_policy_may_be_gone(run, tmp_path):
     source = tmp_path / "gone.npz"
     from kitchen_suite.policies.trained import shipped_as
@@ -158,6 +160,7 @@ def test_a_receipt_holds_the_goals_that_were_taken_from_a_recording(run, tmp_pat
         assert (status, err.count("\n")) == (1, 1)
 
 
+@pytest.mark.full
 def test_an_interrupted_evaluation_has_the_same_receipt(run, tmp_path):
     flags = ["--policy=expert", "--num_envs=1"]
     assert run(evaluate, *SMALL, *flags, "--receipt=whole.npz", "--output=whole")[0] == 0
@@ -189,6 +192,7 @@ def test_a_diverged_episode_is_replayed(run, monkeypatch):
     assert run(replay, "a.npz")[0] == 0
 
 
+@pytest.mark.full
 def test_the_format_is_read_as_documented(written):
     """By NumPy and the standard library, from the docstring of `receipts`."""
     import hashlib
@@ -210,6 +214,7 @@ def test_the_format_is_read_as_documented(written):
         np.testing.assert_array_equal(actions[: steps[0]], receipt.traces[name][0].actions)
 
 
+@pytest.mark.full
 def test_digests_are_those_of_observations_and_rewards(written):
     """The digest of an episode, from the suite's own environment."""
     import hashlib
@@ -383,6 +388,7 @@ def test_a_thousand_alterations_are_found(short, tmp_path, capsys, part):
     check_alterations(short, tmp_path, range(200 + part, 1_000, 8))
 
 
+@pytest.mark.full
 def test_other_digits_and_other_scores_are_told_apart(run, short, tmp_path):
     path = tmp_path / "b.npz"
     Forger(short, 0).action(path)
@@ -404,6 +410,7 @@ def test_other_digits_and_other_scores_are_told_apart(run, short, tmp_path):
     assert "made with mujoco 1.2.3, here " in out
 
 
+@pytest.mark.full
 def test_names_of_a_receipt_may_be_any(short, tmp_path):
     named = functools.partial(dataclasses.replace, condition="layout held_out")
     results = {"layout held_out": [named(result) for result in short.results["random_4"]]}
@@ -418,6 +425,7 @@ COMMITTED = sorted(Path(__file__).parents[2].glob("docs/experiments/results/rece
 QUICK = ("expert_metra", "random_gas", "trained_gas")
 
 
+@pytest.mark.full
 def test_committed_receipts_are_of_the_committed_results():
     assert {path.stem for path in COMMITTED} >= {*QUICK}
     for path in COMMITTED:
@@ -495,6 +503,7 @@ def test_every_array_is_compared(run, opened, tmp_path, part):
     assert run(replay, "b.npz")[0] == Verdict.DIGITS_DIFFER
 
 
+@pytest.mark.full
 def test_conditions_keep_their_names(run, tmp_path):
     path = tmp_path / "a.npz"
     assert evaluate.main([*SMALL, "--protocol=d4rl", "--num_episodes=1", f"--receipt={path}"]) == 0
@@ -533,6 +542,7 @@ def test_a_receipt_does_not_import_the_robot_that_it_names(short, tmp_path, monk
         EvaluationPlan.of(evaluation)
 
 
+@pytest.mark.full
 def test_a_receipt_that_could_not_be_verified_is_refused_at_the_start(run, tmp_path):
     for flags, shown in (
         (["--num_episodes=60000"], "50,000 episodes"),
@@ -548,6 +558,7 @@ def test_a_receipt_that_could_not_be_verified_is_refused_at_the_start(run, tmp_p
     assert (status, "without actions" in err) == (2, True)
 
 
+@pytest.mark.full
 def test_a_receipt_of_many_episodes_is_read_and_one_of_too_many_goals_is_refused_at_the_start(short, tmp_path):
     one = dataclasses.replace(short.results["random_4"][0], reset={"a": "x" * 1_000, "b": "y" * 1_000})
     results, traces = {"random_4": [one] * 10_000}, {"random_4": [short.traces["random_4"][0]] * 10_000}
@@ -569,6 +580,7 @@ def test_a_bad_argument_is_not_an_altered_receipt(written):
         kitchen_suite.replay(written, episodes="0,1")
 
 
+@pytest.mark.full
 def test_the_episodes_of_a_page_are_those_that_were_evaluated():
     plan = make_plan(PolicyRef.parse("random"), replaced=Replaced(num_episodes=2, max_episode_steps=5))
     seen = []

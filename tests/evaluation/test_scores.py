@@ -26,6 +26,7 @@ def test_wilsons_interval_is_the_published_one(successes, count, low, high):
     np.testing.assert_allclose(scores.wilson(successes, count), (low, high), atol=5e-5)
 
 
+@pytest.mark.full
 @given(st.integers(1, 3_000), st.data())
 @settings(deadline=None, derandomize=True, max_examples=50)
 def test_wilsons_interval_contains_the_rate_and_is_symmetric(count, data):
@@ -153,6 +154,7 @@ tables = st.tuples(st.integers(1, 12), st.integers(1, 5)).flatmap(
 )
 
 
+@pytest.mark.full
 @given(tables, st.randoms(use_true_random=False))
 @settings(deadline=None, derandomize=True, max_examples=100)
 def test_scores_have_their_properties(table, random):

@@ -87,6 +87,7 @@ GIVEN = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_every_value_that_is_not_the_protocols_is_named(name):
     plan = unprepared(name)
@@ -111,6 +112,7 @@ def test_every_value_that_is_not_the_protocols_is_named(name):
         assert (argument, pair) == ("num_episodes", (1, PROTOCOLS[name].num_episodes))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_conditions_are_the_protocols(name):
     plan = unprepared(name)
@@ -127,6 +129,7 @@ def test_conditions_are_the_protocols(name):
     assert names(dataclasses.replace(plan, specs={**plan.specs, first: replaced}), "task_name")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["beso", "goal-reaching"])
 def test_resets_hold_the_goals_of_their_condition_and_nothing_else(name):
     plan = unprepared(name)
@@ -167,6 +170,7 @@ def run(run, folder):
     return run
 
 
+@pytest.mark.full
 def test_a_receipt_of_zero_actions_that_succeed_says_so(run, tmp_path):
     flags = ["--policy=zero", "--num_episodes=2", "--max_episode_steps=5", "--num_envs=2"]
     easy = '--task_kwargs={"threshold": 10}'

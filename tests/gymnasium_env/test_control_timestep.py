@@ -51,6 +51,7 @@ def actions_of(env, count):
     return walk(spec, count).astype(np.float32)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_a_control_step_takes_this_long(domain):
     physics_step, _, step = STEPS[domain]
@@ -65,6 +66,7 @@ def test_a_control_step_takes_this_long(domain):
     assert environment.task.physics_steps_per_control_step == round(step / physics_step)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_limits_are_of_as_many_steps_or_of_the_seconds_that_are_given(domain):
     step, default = STEPS[domain][2], suite.DOMAINS[domain].episode_steps
@@ -114,6 +116,7 @@ def test_the_same_commanded_motion_takes_the_same_time(domain):
     np.testing.assert_allclose(moved[0], moved[1], rtol=0, atol=0.05)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "mode"), brief(CASES, [(d, m) for d, m in CASES if m.startswith("joint_")][::2]))
 @pytest.mark.parametrize("autoreset", brief(["NextStep", "SameStep"], ["SameStep"]))
 def test_vectorised_environments_are_the_single_one(domain, mode, autoreset):
@@ -127,6 +130,7 @@ def test_vectorised_environments_are_the_single_one(domain, mode, autoreset):
         assert_same(single.step(actions), many.step(actions))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_front_ends_play_the_same_episode(domain):
     env, environment = make(domain), load(domain)
@@ -140,6 +144,7 @@ def test_front_ends_play_the_same_episode(domain):
     np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_the_default_by_its_number_is_the_default(domain):
     given, omitted = make(domain, control_timestep=STEPS[domain][1]), make(domain, control_timestep=None)
@@ -153,6 +158,7 @@ def test_the_default_by_its_number_is_the_default(domain):
     assert "control_timestep" not in envs.reset(seed=0)[1]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_infos_name_it_where_it_is_not_the_default(domain):
     step = STEPS[domain][2]
@@ -172,6 +178,7 @@ def test_infos_of_lists_have_a_number():
     json.dumps(info["control_timestep"])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_states_of_other_control_steps_are_refused(domain):
     default, step = STEPS[domain][1:]
@@ -187,6 +194,7 @@ def test_states_of_other_control_steps_are_refused(domain):
         load(domain).set_state(load(domain, control_timestep=None).get_state())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_copies_keep_it(domain):
     env = make(domain).unwrapped
@@ -221,6 +229,7 @@ def test_bad_values_are_refused(build, domain, name):
         build(domain, control_timestep=value(domain))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_the_nearest_length_that_the_error_names_is_accepted(domain):
     physics_step = STEPS[domain][0]

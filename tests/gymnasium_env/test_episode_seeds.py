@@ -31,6 +31,7 @@ def assert_same(one, other):
     assert data_equivalence(one, other, exact=True)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_an_episode_does_not_depend_on_the_lengths_of_those_before_it(domain):
     env_id = suite.DOMAINS[domain].env_id
@@ -42,6 +43,7 @@ def test_an_episode_does_not_depend_on_the_lengths_of_those_before_it(domain):
     assert_same(starts[0][2], make(env_id, episode_seeds=False).reset(seed=5))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_by_default_the_stream_goes_on(domain):
     env_id = suite.DOMAINS[domain].env_id
@@ -71,6 +73,7 @@ def test_without_a_seed_a_drawn_one_counts_on():
     assert_same(start, make().reset(seed=drawn + 1))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("seed", [7, 2**100])
 def test_copies_count_on(copied, seed):
@@ -91,6 +94,7 @@ def test_a_state_counts_on_and_a_seed_beside_it_counts_from_that():
     assert_same(other.reset(), make().reset(seed=21))
 
 
+@pytest.mark.full
 def test_the_episode_after_a_divergence_has_the_next_seed():
     env = make()
     env.reset(seed=7)
@@ -102,6 +106,7 @@ def test_the_episode_after_a_divergence_has_the_next_seed():
     assert_same(env.reset(), make().reset(seed=9))
 
 
+@pytest.mark.full
 def test_a_generator_that_was_assigned_has_one_episode_and_a_seed_is_the_remedy():
     env = make().unwrapped
     env.reset(seed=0)

@@ -54,6 +54,7 @@ def test_copies_have_the_same_methods(obs_type, copied):
     assert [hasattr(environment, name) for name in METHODS] == [obs_type == "goal"] * 3
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("make", [FrankaKitchenEnv, lambda **options: FrankaKitchenVectorEnv(1, **options)])
 def test_the_error_names_the_observation_type_which_has_them(make):
     with refused(AttributeError, "compute_reward", "obs_type='goal'"):
@@ -61,6 +62,7 @@ def test_the_error_names_the_observation_type_which_has_them(make):
     assert callable(make(obs_type="goal").compute_reward)
 
 
+@pytest.mark.full
 def test_a_class_of_a_user_may_extend_the_reward():
     class Doubled(FrankaKitchenEnv):
         def compute_reward(self, achieved_goal, desired_goal, info):
@@ -71,6 +73,7 @@ def test_a_class_of_a_user_may_extend_the_reward():
     assert environment.compute_reward(goal, goal, {}) == 2.0 * FrankaKitchenEnv().compute_reward(goal, goal, {}) > 0.0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("tasks", [["microwave"], ["kettle", "top burner"]])
 @pytest.mark.parametrize("goal_format", ["dict", "flat"])
 def test_goals_of_the_spaces_are_those_that_the_methods_take(goal_format, tasks):

@@ -77,6 +77,7 @@ def test_the_picture_of_the_goal_is_that_of_a_kitchen_there_and_leaves_nothing_b
     environment.close()
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_vectorised_goals_are_those_of_single_environments():
     arguments = {"tasks_per_episode": 1, "goal_states": 1, "render_mode": "rgb_array", "width": 32, "height": 32}

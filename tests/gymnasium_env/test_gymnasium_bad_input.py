@@ -131,6 +131,7 @@ def test_misspelt_reset_options_are_refused_and_change_nothing(env, options, err
     np.testing.assert_equal(env.get_state(), before)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", [STATE, VARIATION, VARIATION_VALUES, REQUESTED])
 def test_options_of_any_size_and_depth_are_refused_in_one_short_line(name):
     env = FrankaKitchenEnv(["kettle", "microwave"], variations=["start", "dynamics"], tasks_per_episode=1)

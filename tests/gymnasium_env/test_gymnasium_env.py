@@ -31,6 +31,7 @@ def assert_same(one, other):
     assert data_equivalence(one, other, exact=True), (one, other)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("info_format", "goal_format"),
     brief(itertools.product(("lists", "arrays"), ("dict", "flat")), kept=[("lists", "dict"), ("arrays", "flat")]),
@@ -41,12 +42,14 @@ def test_gymnasiums_checker_is_content(goal_format, info_format):
     check_env(env.unwrapped, skip_render_check=True)
 
 
+@pytest.mark.full
 def test_make_works_by_itself_in_a_fresh_process():
     code = f"import gymnasium; env = gymnasium.make({QUALIFIED_ID!r}); env.reset(seed=0); print(env.spec.id)"
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, f"{KITCHEN_ID}\n", "")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("settings", "steps"), [({}, 280), ({"max_episode_steps": 12}, 12)])
 def test_make_truncates_at_the_limit(settings, steps):
     env = gymnasium.make(KITCHEN_ID, **settings)
@@ -64,6 +67,7 @@ def test_direct_construction_truncates_by_its_own_limit_and_says_so_in_compute_t
         assert env.compute_truncated(observation["achieved_goal"], observation["desired_goal"], info) == expected
 
 
+@pytest.mark.full
 def test_compute_truncated_takes_batches():
     env = FrankaKitchenEnv(max_episode_steps=3, goal_format="flat")
     env.reset(seed=0)
@@ -88,6 +92,7 @@ def test_the_flat_goals_are_the_dicts_end_to_end():
         assert flat.observation_space[kind].shape == (8,)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("goal_format", ["dict", "flat"])
 def test_the_suites_observation_follows_from_the_adapters(goal_format):
     env = FrankaKitchenEnv(["kettle", "microwave"], goal_format=goal_format)
@@ -270,6 +275,7 @@ def pickled(env):
     return pickle.loads(pickle.dumps(env))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("duplicate", "arguments"),
     brief(
@@ -359,6 +365,7 @@ def test_a_state_brings_everything_back():
     assert_same([other.step(action) for action in actions(10, seed=1)], expected)
 
 
+@pytest.mark.full
 def test_a_moment_of_a_headless_run_can_be_set_where_it_can_be_rendered_and_back():
     headless, visual = FrankaKitchenEnv(**EASY), FrankaKitchenEnv(**EASY, visuals=True)
     assert visual.environment.physics.model.nbody > headless.environment.physics.model.nbody

@@ -37,6 +37,7 @@ def assert_observations_equal(one, other):
         assert_goals_equal(one[kind], other[kind])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "arguments", brief_named(COMBINATIONS, kept=["defaults", "kept, terminating", "removed, not terminating, quiet"])
 )

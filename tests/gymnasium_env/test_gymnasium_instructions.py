@@ -19,6 +19,7 @@ def vector(env_id, count=2, mode="vector_entry_point", **settings):
     return gymnasium.make_vec(env_id, count, vectorization_mode=mode, **settings)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_every_environment_states_its_task(domain):
     task = suite.default_task(domain)
@@ -35,6 +36,7 @@ def test_every_environment_states_its_task(domain):
 
 
 # As LeRobot reads them.
+@pytest.mark.full
 @pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_lerobots_names_are_read_by_call_and_get_attr(domain, mode):
@@ -61,6 +63,7 @@ def test_attributes_of_an_episode_are_not_read(name, error, shown):
             read(name)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_infos_have_the_sentence_when_asked_for(domain):
     environment, plain = (gymnasium.make(IDS[domain], **settings) for settings in ({"instructions": True}, {}))
@@ -73,6 +76,7 @@ def test_infos_have_the_sentence_when_asked_for(domain):
     assert copy.step(action)[-1]["instruction"] == environment.unwrapped.instruction
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_infos_of_many_have_the_sentence_of_each_in_every_domain(domain):
     environments, plain = vector(IDS[domain], 3, instructions=True), vector(IDS[domain], 3)
@@ -124,6 +128,7 @@ def test_sentences_in_arrays_are_refused(build, settings, error, shown):
         build(KITCHEN_ID, **{"instructions": True, **settings})
 
 
+@pytest.mark.full
 def test_a_task_without_a_sentence_cannot_be_asked_for_it(monkeypatch):
     monkeypatch.setattr(KitchenTask, "instructions", ())
     with pytest.raises(ValueError, match="instructions=True needs a task with a sentence: KitchenTask has no"):

@@ -38,6 +38,7 @@ def run(code, *options):
     )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("imports", IMPORTS.values(), ids=IMPORTS)
 def test_the_id_is_ours_without_a_warning_in_any_order(imports):
     # Gymnasium's warnings are UserWarnings; MuJoCo's window library has one of its own where there is no display.
@@ -91,12 +92,14 @@ def test_the_spec_is_the_originals():
     assert env.spec.id == ID
 
 
+@pytest.mark.full
 def test_the_id_is_the_suites_kitchen():
     envs = [gymnasium.make(name) for name in (ID, "KitchenSuite/FrankaKitchen-v1")]
     one, other = [env.reset(seed=5)[0]["observation"] for env in envs]
     np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", [None, "sync", "async", "vector_entry_point"])
 def test_vectors_are_made_of_it(mode):
     envs = gymnasium.make_vec(ID, 2, vectorization_mode=mode, tasks_to_complete=["kettle"])

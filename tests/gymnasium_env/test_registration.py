@@ -19,6 +19,7 @@ KETTLE = "KitchenSuite/Kettle-v1"
 UNDISTURBED = "assert not {'dm_control', 'mujoco'} & sys.modules.keys()"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "code",
     [
@@ -59,6 +60,7 @@ def test_the_table_of_domains_agrees_with_the_tasks():
     assert suite.open_cabinet(visuals=False).step_limit == cabinet.episode_steps
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "task"), [("kitchen", "mixed"), ("open_cabinet", "bottom_drawer")])
 def test_an_environment_of_a_tasks_id_is_the_general_one_with_the_tasks_arguments(domain, task):
     task_id, general_id = gymnasium_env.TASK_IDS[domain, task], gymnasium_env.IDS[domain]

@@ -29,6 +29,7 @@ def failing(monkeypatch):
     return "--policy=failing:act"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_policy_that_cannot_act_leaves_no_folder(run, folder, failing, name):
     status, _, err = run(COMMANDS[name], failing, *ENDS)
@@ -38,6 +39,7 @@ def test_a_policy_that_cannot_act_leaves_no_folder(run, folder, failing, name):
     assert run(COMMANDS[name], "--policy=zero", *ENDS)[0] == 0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", COMMANDS)
 def test_zeros_are_refused_where_they_are_no_action(run, folder, name):
     status, _, err = run(COMMANDS[name], "--policy=zero", "--control_mode=ee_pose", *ENDS)

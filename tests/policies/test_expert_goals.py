@@ -32,6 +32,7 @@ def test_the_expert_reaches_goals_on_its_path_alone(name, goal, threshold, reach
     assert (name in environment.task.completion_steps) == reached
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("left_door", [-0.06, -0.15])
 def test_for_strict_success_the_expert_shuts_the_left_door_of_the_hinge_cabinet(left_door):
     start = {"hinge_cabinet/doors": [left_door, 0.0]}

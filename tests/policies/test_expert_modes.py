@@ -65,6 +65,7 @@ def test_parts_of_generated_kitchens_are_moved(mode):
         assert environment.task.episode_metrics["success"], task
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("task", "mode"), once_per_mode(["complete", "bottom_burner", "hinge_cabinet"], KITCHEN_MODES))
 def test_kitchen_tasks_are_completed(task, mode):
     environment = load("kitchen", task, mode)
@@ -75,6 +76,7 @@ def test_kitchen_tasks_are_completed(task, mode):
     assert np.all((spec.minimum - margin <= actions) & (actions <= spec.maximum + margin))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("task", "mode"),
     brief(
@@ -86,6 +88,7 @@ def test_further_tasks_are_completed(task, mode):
     assert successes(load("kitchen", task, mode), [101]) == 1
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("task", "mode"), once_per_mode(DRAWERS, CABINET_MODES))
 def test_drawers_are_opened(task, mode):
     assert successes(load("open_cabinet", task, mode), [201]) == 1
@@ -102,6 +105,7 @@ SETTINGS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("mode", "settings"),
     brief_named(SETTINGS, kept=["hand frame", "slow joints", "position targets from true positions"]),

@@ -21,6 +21,7 @@ def play(environment, **options):
         timestep = environment.step(policy(timestep))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", brief(range(8), [0, 2]))
 def test_the_expert_does_the_tasks_asked_and_no_others(seed):
     environment = suite.load("kitchen", "random_4", task_kwargs={"random": seed, "visuals": False})
@@ -42,6 +43,7 @@ def test_in_order_is_the_configured_order_and_flat_observations_do():
     assert [*environment.task.completion_steps] == ["light switch", "kettle"]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", brief(range(8), [1]))
 def test_the_expert_does_tasks_asked_in_turn_in_the_order_asked(seed):
     arguments = {"random": seed, "visuals": False, "tasks_in_turn": True}
@@ -57,6 +59,7 @@ def test_bad_settings_are_refused():
         KitchenExpert(["kettle"], observes_requests=True).act(np.zeros(59))
 
 
+@pytest.mark.full
 def test_vectorised_recordings_of_the_expert(tmp_path):
     arguments = ["--task_name=random_1", "--policy=expert", "--num_episodes=3", "--num_envs=2", "--num_threads=1"]
     assert record.main([f"--output={tmp_path}/runs", *arguments]) == 0

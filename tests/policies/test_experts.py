@@ -56,6 +56,7 @@ def load():
     return cached
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", brief(SEEDS, kept=[101]))
 @pytest.mark.parametrize(
     "task_name",
@@ -77,6 +78,7 @@ def test_in_order_keeps_the_given_order(load):
     assert max(shortest.values()) < max(completed.values())
 
 
+@pytest.mark.full
 def test_observations_alone_are_enough():
     env = FrankaKitchenEnv(tasks_to_complete=["microwave", "light switch"], max_episode_steps=280)
     expert = experts.KitchenExpert(["microwave", "light switch"])
@@ -102,6 +104,7 @@ MIXED_SETS = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("tasks", brief([(each,) for each in MIXED_SETS], kept=[(MIXED_SETS[i],) for i in (1, 3)]))
 def test_sets_with_further_tasks_are_completed(load, tasks):
     env = load("all", tasks_to_complete=tasks, time_limit=60.0)
@@ -167,6 +170,7 @@ STYLES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("style", brief_named(STYLES, kept=["slow", "all"]))
 def test_a_motion_style_changes_the_actions_and_still_succeeds(load, style):
     env = load("complete")
@@ -352,6 +356,7 @@ def test_random_orders_that_end_with_the_hinge_cabinet(load):
         assert len(completed) == 7, order
 
 
+@pytest.mark.full
 def test_importing_the_experts_leaves_numpys_global_random_state_alone():
     code = (
         "import numpy as np; np.random.seed(0); import kitchen_suite.experts\n"

@@ -25,6 +25,7 @@ def load(control_mode="joint_offset", **task_kwargs):
     return suite.load("microwave_table", "open", {"visuals": False, "control_mode": control_mode, **task_kwargs})
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", brief(CONTROL_MODES, kept=["ee_delta_position"]))
 def test_the_door_is_opened_in_every_mode(mode):
     assert successes(load(mode), [201]) == 1

@@ -33,6 +33,7 @@ def opening(env, expert, seed):
     return env.task.drawer_opening * timestep.discount, np.array(actions)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", brief([201, 202, 203], kept=[201]))
 @pytest.mark.parametrize("drawer", DRAWERS)
 def test_the_policy_opens_the_drawer(drawer, seed):
@@ -56,6 +57,7 @@ def test_the_flat_observation_alone_is_enough_to_open_it(drawer):
     assert info["is_success"]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("style", brief_named(STYLES, kept=["slow", "jittered"]))
 @pytest.mark.parametrize("drawer", brief(DRAWERS, kept=["top"]))
 def test_a_motion_style_changes_the_actions_and_still_opens_the_drawer(drawer, style):
@@ -66,6 +68,7 @@ def test_a_motion_style_changes_the_actions_and_still_opens_the_drawer(drawer, s
     assert not np.array_equal(actions, plain)
 
 
+@pytest.mark.full
 def test_a_seed_fixes_all_actions_at_the_cabinet():
     # Until the hand pulls.
     env = load(time_limit=5.0)

@@ -75,6 +75,7 @@ def flags_of(domain, obs_type):
     ]
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize(("domain", "obs_type"), brief(CASES, [case for case in CASES if case[0] == "kitchen"]))
 def test_recorded_policies_see_what_the_observation_type_shows(domain, obs_type, watcher, run, folder):
@@ -94,6 +95,7 @@ def test_recorded_policies_see_what_the_observation_type_shows(domain, obs_type,
     environment.close()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("command", "flags"),
     [(rollout, []), (evaluate, ["--task_name=kettle", "--num_envs=2"]), (record, ["--output=recording"])],
@@ -123,6 +125,7 @@ def test_a_module_of_gyms_own_name_is_still_one(monkeypatch):
     assert policy(environment.reset()).shape == (9,)
 
 
+@pytest.mark.full
 def test_an_error_of_the_policy_names_it(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "failing", types.SimpleNamespace(act=lambda observation: observation["pixels"]))
     status, _, error = run(rollout, "--policy=gym:failing:act", "--num_episodes=1", "--max_episode_steps=2")

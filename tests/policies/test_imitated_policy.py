@@ -162,6 +162,7 @@ def test_only_the_first_actions_of_a_chunk_are_applied(policy, monkeypatch):
     assert len(predicted) == 4
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("task_name", "arguments", "asked"),
     [
@@ -188,6 +189,7 @@ def test_inputs_are_the_state_and_the_tasks_asked(task_name, arguments, asked, f
     np.testing.assert_array_equal(without, state)
 
 
+@pytest.mark.full
 def test_a_policy_acts_in_tasks_that_ask_for_some_of_its_own_and_in_no_others():
     policy = make()
     policy.check_fits(kitchen("kettle").task)
@@ -240,6 +242,7 @@ def observing(**changes):
     return ClonedPolicy(**parts, metadata=metadata)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("extras", [[], ["microwave/pose"], ["hood/pose", "microwave/pose", "franka/base_pose"]])
 def test_a_policy_finds_its_extra_observables_among_those_of_a_task(extras, monkeypatch):
     environment, policy, seen = kitchen("kettle", extra_observables=extras), observing(), []
@@ -289,6 +292,7 @@ def test_the_commands_play_such_policies(tmp_path, capsys):
     assert "episodes              1" in capsys.readouterr().out
 
 
+@pytest.mark.full
 def test_the_commands_add_the_observables_that_a_policy_needs(tmp_path, capsys):
     observing().save(tmp_path / "policy.npz")
     path = str(tmp_path / "policy.npz")
@@ -376,6 +380,7 @@ def test_a_policy_that_sees_is_loaded_unchanged(tmp_path):
     assert np.abs(other - actions[0]).max() > 1e-4
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_a_policy_that_sees_takes_the_pictures_and_the_robots_part_of_the_state(monkeypatch):
     policy, seen = make_seeing(), []
@@ -392,6 +397,7 @@ def test_a_policy_that_sees_takes_the_pictures_and_the_robots_part_of_the_state(
         np.testing.assert_array_equal(picture, timestep.observation[camera])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "arguments", [{}, {"cameras": CAMERAS[:1], "image_size": [9, 12]}, {"cameras": CAMERAS, "image_size": [12, 9]}]
 )
@@ -442,6 +448,7 @@ def test_arrays_of_encoders_that_do_not_fit_are_refused(change, shown):
         ClonedPolicy.from_arrays(arrays, policy.metadata)
 
 
+@pytest.mark.full
 def test_where_pictures_are_observed_the_policy_that_comes_with_the_package_sees(monkeypatch, tmp_path):
     kitchen_file = trained.shipped_as("kitchen")
     monkeypatch.setattr(trained, "SHIPPED", tmp_path)

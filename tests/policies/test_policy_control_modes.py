@@ -34,6 +34,7 @@ def test_in_other_modes_it_is_refused(mode):
         trajectory(mode)
 
 
+@pytest.mark.full
 def test_the_policy_of_a_task_goes_before_that_of_the_whole_kitchen():
     names = {
         task: shipped(suite.load("kitchen", task, {"visuals": False}).task).stem
@@ -43,6 +44,7 @@ def test_the_policy_of_a_task_goes_before_that_of_the_whole_kitchen():
     assert names == {"kettle": "kettle", "random_1": "seven_in_turn", **dict.fromkeys(whole, "kitchen")}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("variations", [["start"], ["layout"], {"microwave/door": -0.1}])
 @pytest.mark.parametrize("task", ["kettle", "random_1"])
 def test_where_something_varies_a_policy_that_was_trained_with_variations_is_preferred(task, variations):

@@ -60,6 +60,7 @@ def play(folder, run, monkeypatch):
     return play
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize(("domain", "obs_type"), brief(TYPES, [case for case in TYPES if case[0] == "kitchen"]))
 @pytest.mark.parametrize("command", [record, rollout])
@@ -70,6 +71,7 @@ def test_a_policy_sees_what_the_observation_type_shows(play, command, domain, ob
         assert {np.asarray(value).ndim for value in seen.values()} <= {1, 3}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_by_default_a_policy_sees_the_suites_own_observation(play, domain):
     act, _ = play(record, domain)
@@ -77,6 +79,7 @@ def test_by_default_a_policy_sees_the_suites_own_observation(play, domain):
     assert all([*seen] == [*own] for seen in act.seen)
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_requests_are_shown_and_extra_observables_of_the_robot(play):
     extras = {"tasks_per_episode": 2, "extra_observables": ["franka/end_effector_pose"]}
@@ -85,6 +88,7 @@ def test_requests_are_shown_and_extra_observables_of_the_robot(play):
     assert {*act.seen[0]} == {*robot, "requested_tasks", "workspace"}
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_a_policy_that_needs_more_is_told_how(play):
     def act(timestep):
@@ -101,6 +105,7 @@ def test_a_policy_that_needs_more_is_told_how(play):
     play(rollout, "kitchen", obs_type="pixels_environment_state_agent_pos", policy=act)
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_the_suites_own_policies_act_as_they_do_with_states(folder, run):
     for name, kwargs in (("numbers", {}), ("images", {"obs_type": "pixels_agent_pos", **CAMERA})):
@@ -110,6 +115,7 @@ def test_the_suites_own_policies_act_as_they_do_with_states(folder, run):
     np.testing.assert_array_equal(numbers, images)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 @pytest.mark.parametrize("command", [record, rollout])
 def test_a_policy_is_given_the_sentence_of_its_task(play, command, domain):

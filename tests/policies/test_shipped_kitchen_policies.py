@@ -54,6 +54,7 @@ def through_vector(task, count):
     return successes.sum()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("task", brief(TASKS, ["kettle"]))
 def test_it_does_its_task(task):
     assert through_suite(task, 3) >= 2
@@ -144,6 +145,7 @@ def completed_share(task, count, **arguments):
 CASES = [("all", ""), ("all", "start"), ("random_4", "start"), ("complete", "layout"), ("kettle", "start")]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("task", "variations"), brief(CASES, CASES[:2], full=CASES[2:4]))
 def test_one_policy_does_what_is_asked_in_the_whole_kitchen(task, variations):
     assert completed_share(task, 2, variations=[variations] if variations else []) > 0.8

@@ -66,6 +66,7 @@ REWARDS = pytest.mark.parametrize("reward", POLICIES)
 ENVIRONMENTS = pytest.mark.parametrize("play_episodes", [through_suite, through_gymnasium, through_vector])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("play_episodes", "reward"),
     [
@@ -102,10 +103,12 @@ def grasp_fractions(reward, count):
     return fractions
 
 
+@pytest.mark.full
 def test_the_policy_of_the_grasp_reward_pulls_with_both_pads():
     assert np.mean(grasp_fractions("grasp", 3)) >= 0.8
 
 
+@pytest.mark.full
 def test_the_policy_of_the_original_reward_drags():
     assert np.mean(grasp_fractions("original", 3)) < 0.5
 

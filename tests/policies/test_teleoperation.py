@@ -51,6 +51,7 @@ def test_the_hand_goes_where_it_is_told_to(domain, mode):
     assert mode == "ee_delta_position" or angle(rotation, turned) < 0.02
 
 
+@pytest.mark.full
 def test_the_hand_stays_until_it_is_told_to_move():
     environment, policy, timestep = started()
     arm = policy.arm
@@ -118,6 +119,7 @@ def test_it_acts_where_layouts_vary_whatever_is_observed():
     assert play(environment, policy, timestep, 0.2) is not None
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("position", "orientation", "shown"),
     [([0, 0], [1, 0, 0, 0], "position"), ([0, 0, np.nan], [1, 0, 0, 0], "finite"), ([0, 0, 1], [0, 0, 0, 0], "zero")],

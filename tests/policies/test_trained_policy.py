@@ -208,6 +208,7 @@ CRAFTED = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("content", CRAFTED.values(), ids=CRAFTED)
 def test_a_crafted_array_is_refused_in_one_line_before_it_takes_memory(saved, content):
     with zipfile.ZipFile(saved) as archive:
@@ -271,6 +272,7 @@ def test_dm_env_and_gymnasium_observations_are_flattened_alike(domain):
     assert not np.array_equal(flat, flatten(observation))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_a_policy_acts_alike_in_all_kinds_of_environments(domain, tmp_path):
     policy, steps, count = make(domain), 40, 3
@@ -313,6 +315,7 @@ def test_a_policy_acts_alike_in_all_kinds_of_environments(domain, tmp_path):
     vector.close()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_a_policy_can_be_recorded(domain, tmp_path):
     policy, path = make(domain), tmp_path / "policy.npz"
@@ -372,6 +375,7 @@ def test_bad_options_and_files_are_policy_errors(options):
         policies.find(f"trained({options})")(load("open_cabinet"), np.random.default_rng(0))
 
 
+@pytest.mark.full
 def test_a_missing_shipped_policy_is_an_error_that_lists_those_that_exist(monkeypatch, tmp_path):
     monkeypatch.setattr(trained_policy, "SHIPPED", tmp_path)
     make().save(tmp_path / "bottom_drawer.npz")

@@ -32,6 +32,7 @@ def attempts(environment, steps, seed=0, **options):
     return chosen, np.array(actions)
 
 
+@pytest.mark.full
 def test_tasks_are_chosen_at_random_and_completed(kitchen):
     orders = {tuple(attempts(kitchen, 110, seed)[0]) for seed in range(4)}
     assert len(orders) == 4
@@ -48,6 +49,7 @@ def test_tasks_are_chosen_at_random_and_completed(kitchen):
     assert {first, second} & {*kitchen.task.mdp.goals.tasks} <= {*kitchen.task.episode_task_completions}
 
 
+@pytest.mark.full
 def test_what_has_been_done_is_undone_where_the_repertoire_allows_it(kitchen):
     chosen, _ = attempts(kitchen, 260, repertoire=REPERTOIRE)
     undone = [task for task in chosen if task in REVERSES]

@@ -50,6 +50,7 @@ ENDS = {
 EVERY_RUN = ("at exit", "in another thread", "in the middle of an image")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("end", brief(ENDS, EVERY_RUN, [end for end in ENDS if end not in EVERY_RUN]))
 def test_dropped_environments_are_quiet(end):
     assert run(MADE + ENDS[end]) == (0, "", "")

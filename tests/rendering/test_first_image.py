@@ -61,6 +61,7 @@ def watched(uses, **values):
     return given + WATCHED
 
 
+@pytest.mark.full
 @needs_maps
 @pytest.mark.parametrize(
     ("domain", "variables"), [*((domain, {}) for domain in suite.DOMAINS), ("open_cabinet", {"MUJOCO_GL": "egl"})]
@@ -76,6 +77,7 @@ def test_commands_open_no_gl_library(tmp_path):
     assert (status, out) == (0, "nothing is open\n"), err
 
 
+@pytest.mark.full
 @needs_maps
 @pytest.mark.rendering
 def test_the_first_image_opens_one():
@@ -117,6 +119,7 @@ theirs.free()
 """
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize(
     "order",
@@ -131,6 +134,7 @@ def test_any_order_of_imports_renders_without_a_display(order):
     assert run(f"{code}\n{IMAGES}") == (0, "", "")
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="needs libosmesa6")
 def test_osmesa_renders_beside_dm_control_as_well():
@@ -138,6 +142,7 @@ def test_osmesa_renders_beside_dm_control_as_well():
     assert run(code, MUJOCO_GL="osmesa") == (0, "", "")
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_environments_of_others_keep_their_contexts():
     code = """
@@ -171,6 +176,7 @@ assert environment.physics.render(16, 16).std() > 5
 """
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize(
     ("value", "message"),

@@ -138,6 +138,7 @@ except RuntimeError as error:
 """
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize(
     ("end", "printed"),
@@ -149,6 +150,7 @@ def test_rendering_in_a_forked_process_is_an_error_and_does_not_hang(end, printe
     assert status == 0 or end == "sys.exit"
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_a_driver_that_does_not_work_after_a_fork_is_told_from_a_missing_one():
     status, out, _ = run(LOADED, UNSET)
@@ -164,6 +166,7 @@ def test_gymnasiums_processes_see_pictures_unless_the_first_process_has_rendered
     assert (status, out.split()) == (0, ["True"] * 3)
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_any_thread_renders_an_environment_and_frees_what_another_made():
     env = gymnasium_env.FrankaOpenCabinetEnv(render_mode="rgb_array", width=16, height=16, render_quality="fast")

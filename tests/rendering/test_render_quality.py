@@ -90,6 +90,7 @@ def images_of(env):
     return images
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize("front_end", [gymnasium.make, gymnasium.make_vec])
 @pytest.mark.parametrize(

@@ -39,6 +39,7 @@ def test_the_cameras_have_the_documented_names_and_numbers(physics):
     assert tuple(physics.model.camera(i).name for i in range(physics.model.ncam)) == CAMERAS
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_every_camera_sees_a_lit_and_varied_scene(physics, camera):
     picture = physics.render(HEIGHT, WIDTH, camera_id=camera)
@@ -47,6 +48,7 @@ def test_every_camera_sees_a_lit_and_varied_scene(physics, camera):
     assert 40 < picture.mean() < 230
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("camera", brief([*CAMERAS, 3, -1], kept=["franka/hand", -1]))
 @pytest.mark.parametrize("options", [{}, {"depth": True}, {"segmentation": True}, {"scene_callback": None}])
 def test_images_are_those_of_dm_control(physics, camera, options):
@@ -55,6 +57,7 @@ def test_images_are_those_of_dm_control(physics, camera, options):
         np.testing.assert_array_equal(physics.render(HEIGHT, WIDTH, camera, **options), expected)
 
 
+@pytest.mark.full
 def test_an_image_outlives_the_next_ones(physics):
     state = physics.get_state()
     first = physics.render(HEIGHT, WIDTH, "overview")
@@ -68,6 +71,7 @@ def test_an_image_outlives_the_next_ones(physics):
     assert (later != kept).any()
 
 
+@pytest.mark.full
 def test_scenes_are_kept_between_images_until_the_context_is_freed(physics, monkeypatch):
     made = []
     monkeypatch.setattr("kitchen_suite.environment.physics.Camera", lambda *a: made.append(a) or engine.Camera(*a))
@@ -125,6 +129,7 @@ def seen_bodies(physics, camera):
     return {physics.model.body(physics.model.geom_bodyid[geom]).name.split("/")[0] for geom in geoms}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("goal", brief(GOALS, [*GOALS][:4], full=GOALS))
 def test_the_workspace_camera_shows_the_change_that_each_task_is_about(environment, goal):
     physics, state = environment.physics, environment.physics.get_state()
@@ -144,6 +149,7 @@ def test_the_workspace_camera_shows_the_change_that_each_task_is_about(environme
     assert changed.sum() > 8
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("domain", "width"),
     brief(

@@ -23,6 +23,7 @@ def play(environment, steps=3):
     return [environment.reset(), *(environment.step(action) for _ in range(steps))]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", TASKS)
 def test_all_offered_quantities_can_be_observed(domain):
     plain = load(domain, visuals=False)

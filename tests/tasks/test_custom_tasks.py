@@ -145,6 +145,7 @@ class GraspTask(tasks.KitchenTask):
     }
 
 
+@pytest.mark.full
 def test_what_is_of_the_robot_is_in_agent_pos():
     with registered("kitchen", GraspTask) as record:
         plain = gymnasium.make("KitchenSuite/FrankaKitchen-v1", obs_type="environment_state_agent_pos")
@@ -164,6 +165,7 @@ def test_what_is_of_the_robot_is_in_agent_pos():
             np.testing.assert_array_equal(many[key][0], part)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_an_object_with_its_observations_rewards_and_termination_acts_in_all_front_ends(domain):
     with registered(domain, mug_task(domain)) as record:
@@ -210,6 +212,7 @@ def test_an_object_with_its_observations_rewards_and_termination_acts_in_all_fro
         envs.close()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_a_copy_continues_with_the_noise_of_the_last_observation(domain):
     with registered(domain, mug_task(domain, extra_terminations={})) as record:
@@ -332,6 +335,7 @@ class ObservedProp(Primitive):
 ENTITIES = [(domain, *case) for domain in DOMAINS for case in ((HookedProp, "after_step"), (ObservedProp, "position"))]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "prop", "word"), brief(ENTITIES, kept=ENTITIES[:2], full=ENTITIES[2:]))
 def test_entities_that_a_batch_would_ignore_are_refused_in_vectors_and_at_registration(domain, prop, word):
     _, base, place = DOMAINS[domain]
@@ -388,6 +392,7 @@ def test_attributes_of_an_observation_are_checked():
 # Edits
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_an_edit_of_the_mjcf_acts_at_the_next_reset_of_single_environments(domain):
     environment = suite.load(domain, suite.default_task(domain), {"random": 0, "visuals": False})
@@ -418,6 +423,7 @@ def test_an_edit_of_the_mjcf_acts_at_the_next_reset_of_single_environments(domai
         assert environment.physics.bind(body).gravcomp == (value or 0.0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_an_edit_of_the_mjcf_is_refused_by_vectors(domain):
     envs = gymnasium.make_vec(suite.DOMAINS[domain].env_id, 2, num_threads=1).unwrapped
@@ -435,6 +441,7 @@ EDITS = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "edit", "when"), brief(EDITS, kept=[EDITS[0], EDITS[-1]], full=EDITS[1:-1]))
 def test_an_edit_of_the_compiled_model_acts_in_single_and_vectorised_environments(domain, edit, when):
     def change(environment):
@@ -479,6 +486,7 @@ def heavier(field):
     return Task
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("field", ["opt.gravity", "body_mass"])
 def test_what_a_tasks_reset_writes_into_the_model_differs_from_environment_to_environment(field):
     with registered("kitchen", heavier(field)) as record:

@@ -40,6 +40,7 @@ def test_every_task_has_a_sentence_and_three_paraphrases(domain, name):
         assert task.instructions == GOALS[name.replace("_", " ")].instructions
 
 
+@pytest.mark.full
 def test_the_sentences_are_of_the_goals():
     assert load("kitchen", "microwave").task.instruction == "open the microwave door"
     assert load("microwave_table", "open").task.instruction == "open the microwave door"
@@ -69,6 +70,7 @@ def test_a_set_has_as_many_instructions_as_each_of_its_tasks():
     assert GoalSet.build(known, ["two", "none"]).instructions([0, 1]) == ()
 
 
+@pytest.mark.full
 def test_drawing_takes_each_instruction_and_leaves_the_environments_stream_alone():
     environment, untouched = load("kitchen", "kettle"), load("kitchen", "kettle")
     environment.reset()

@@ -82,6 +82,7 @@ def along(path):
     return current
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("domain", "physics"), brief(CASES, [("kitchen", "fast"), ("open_cabinet", "exact"), ("kitchens", "fast")], CASES)
 )
@@ -102,6 +103,7 @@ def test_single_equals_vectorised_to_the_bit(domain, physics):
     assert infos["log_dimensionless_jerk"] < -5.0
 
 
+@pytest.mark.full
 def test_kitchens_of_several_designs_have_the_quality_of_each_alone():
     designs = [3, 5, 8]
     envs = GeneratedKitchenVectorEnv(3, design=designs, num_threads=1, quality=True)
@@ -116,6 +118,7 @@ def test_kitchens_of_several_designs_have_the_quality_of_each_alone():
             assert measures(infos) == {name: many[name][i] for name in TYPES}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", brief(DOMAINS, ["kitchen", "open_cabinet"], DOMAINS))
 def test_quality_changes_no_other_number_and_adds_nothing_where_it_is_off(domain):
     on, off = make(domain), make(domain, quality=False)
@@ -140,6 +143,7 @@ def test_quality_changes_no_other_number_and_adds_nothing_where_it_is_off(domain
     assert off.unwrapped.composer_task.disturbed_objects == []
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", brief(DOMAINS, ["kitchen"], DOMAINS))
 def test_states_and_copies_continue_the_numbers(domain):
     env = make(domain).unwrapped
@@ -267,6 +271,7 @@ def displaced(environment, joint, by):
     return after.info()["objects_disturbed"], joint in asked
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", brief(DOMAINS, ["kitchen", "open_cabinet"], DOMAINS))
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_an_object_is_disturbed_beyond_its_tolerance_unless_it_is_asked_for(domain, sign):

@@ -31,6 +31,7 @@ def within(success, achieved, **options):
     return success.within(np.asarray(achieved, np.float64), **options)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("task", "inside", "outside"),
     [
@@ -65,6 +66,7 @@ def test_the_kettle_must_stand_near_its_goal_turned_or_not():
     assert (success.ratios(rows) <= 1.0)[:, 0].tolist() == within(success, rows)[:, 0].tolist()
 
 
+@pytest.mark.full
 def test_the_kettles_tilt_is_the_angle_between_verticals_whatever_the_length_of_its_quaternion():
     quaternions = np.random.default_rng(0).normal(size=(200, 4))
     up, goal = (
@@ -124,6 +126,7 @@ def test_a_threshold_of_zero_is_refused_on_request():
         make_success(PAIR, None, 0.3)
 
 
+@pytest.mark.full
 def test_factors_widen_thresholds_and_tolerances():
     assert within(strict("microwave"), [-0.695], factor=1.2)
     thresholds = load(["microwave"], threshold=0.1).task.mdp.success
@@ -188,6 +191,7 @@ def test_no_asked_task_starts_within_a_widened_tolerance():
 STRICT_TASKS = ("slide cabinet", "light switch")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "task",
     [*STRICT_TASKS, *(pytest.param(task, marks=pytest.mark.nightly) for task in GOALS if task not in STRICT_TASKS)],
@@ -207,6 +211,7 @@ def test_the_expert_is_strict_where_the_environment_is(task):
     assert successes >= (2 if task == "kettle" else 3)
 
 
+@pytest.mark.full
 def test_an_experts_own_threshold_replaces_the_tasks_success():
     task = load(["kettle"], success="strict").task
     KitchenExpert.for_task(task, threshold=0.1)

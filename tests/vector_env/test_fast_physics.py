@@ -21,6 +21,7 @@ def load(domain="kitchen", **options):
     return suite.load(domain, suite.default_task(domain), {"random": 0, "visuals": False, **options})
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "steps"), [("kitchen", 6), ("microwave_table", 1)])
 def test_control_steps_are_as_long_and_physics_steps_are_longer(domain, steps):
     fast, exact = load(domain, physics="fast"), load(domain)
@@ -69,6 +70,7 @@ CASES = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "autoreset", "settings"), CASES)
 def test_vectorised_environments_equal_single_ones_to_the_bit(domain, autoreset, settings):
     assert autoreset in MODES
@@ -94,6 +96,7 @@ def test_a_state_is_restored_in_the_middle_of_an_episode_with_another_layout():
             np.testing.assert_array_equal(ours[name], value)
 
 
+@pytest.mark.full
 def test_infos_name_it_and_those_of_the_exact_physics_do_not():
     for env_id in IDS.values():
         fast, exact = (gymnasium.make(env_id, **options) for options in ({"physics": "fast"}, {}))
@@ -144,6 +147,7 @@ def test_a_scene_without_it_says_so():
         load(physics="slow")
 
 
+@pytest.mark.full
 def test_rollouts_and_recordings_name_it_and_replay(run, folder):
     arguments = ("--domain_name=kitchen", "--task_name=kettle", "--physics=fast", "--num_episodes=2")
     status, output, _ = run(rollout, *arguments, "--policy=expert")

@@ -110,6 +110,7 @@ def assert_equal_for_ever(ours, theirs, actions):
     return ends.tolist()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "mode"),
     brief(
@@ -162,6 +163,7 @@ def test_the_cabinet_is_gymnasiums_vector_of_single_ones(name, mode):
     assert terminated >= 1
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("env_id", "settings", "actions", "threads"),
     [
@@ -190,6 +192,7 @@ def test_actions_of_any_real_type_mean_what_they_mean_to_single_ones():
         assert_same(ours.step(action), theirs.step(action))
 
 
+@pytest.mark.full
 def test_next_step_starts_the_next_episode_in_the_step_after_an_end_whatever_the_action():
     ours, twin = (FrankaKitchenVectorEnv(2, max_episode_steps=2, num_threads=1) for _ in range(2))
     for env in (ours, twin):
@@ -292,6 +295,7 @@ def test_control_steps_are_counted_over_all_episodes_of_a_run():
     assert env.total_steps.tolist() == [0, 0]
 
 
+@pytest.mark.full
 def test_a_step_of_some_environments_is_that_of_all(vector_pair):
     some, every = vector_pair
     actions = kitchen_actions()
@@ -337,6 +341,7 @@ def test_actions_of_environments_that_wait_need_no_meaning():
     assert env.step_some(poses, first)[-1]["episode_step"].tolist() == [1, 0, 0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("mask", "error", "shown"),
     [

@@ -149,6 +149,7 @@ def test_bad_arguments_reach_make_vec_as_clear_errors():
         gymnasium.make_vec(KITCHEN_ID, num_envs=2, colour="red")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("vector", [FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv])
 def test_a_step_wants_a_reset_before_it(vector):
     env = vector(2, num_threads=1)

@@ -30,6 +30,7 @@ BRIEF = [("kitchen", "joint_position"), ("open_cabinet", "ee_delta_position"), (
 FURTHER = [("open_cabinet", "joint_delta"), ("open_cabinet", "ee_pose"), ("microwave_table", "ee_delta_pose")]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "mode"), brief(CASES, BRIEF, full=FURTHER))
 def test_every_control_mode(domain, mode):
     autoreset = MODES[CASES.index((domain, mode)) % len(MODES)]

@@ -72,6 +72,7 @@ def assert_are_parts(env, singles, actions):
             assert_is_part(stepped, i, single.step(action[i]))
 
 
+@pytest.mark.full
 @both
 def test_environment_i_of_seed_s_is_the_single_one_of_seed_s_plus_i(env_id):
     seed = 2**70 + 1
@@ -110,6 +111,7 @@ def test_the_same_seed_gives_the_same_episodes_and_none_gives_others(env_id):
     assert_same(played(np.array([5, 6])), first)
 
 
+@pytest.mark.full
 @both
 def test_without_seeds_no_two_environments_are_alike(env_id):
     one, other = many(env_id), many(env_id)
@@ -135,6 +137,7 @@ def test_a_seed_beside_a_mask_reaches_only_what_is_reset():
         assert_same(env.step(action), twin.step(action))
 
 
+@pytest.mark.full
 @both
 def test_make_vec_builds_one_by_default_with_the_spaces_and_metadata_of_gymnasiums_vector(env_id):
     env = gymnasium.make_vec(env_id, num_envs=2)
@@ -147,6 +150,7 @@ def test_make_vec_builds_one_by_default_with_the_spaces_and_metadata_of_gymnasiu
     assert repr(env) == f"{CLASSES[env_id].__name__}({env_id}, {env.composer_task!r}, num_envs=2)"
 
 
+@pytest.mark.full
 def test_make_vec_works_by_itself_in_a_fresh_process_and_again_from_its_spec():
     code = (
         "import gymnasium\n"
@@ -172,6 +176,7 @@ def test_make_vec_truncates_at_the_limit(env_id, settings, steps):
     assert np.array_equal(ends[-1], [[False], [True]])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("settings", brief([{}, {"max_episode_steps": None}], kept=[{}]))
 def test_direct_construction_truncates_only_where_it_is_told_to(settings):
     env = FrankaOpenCabinetVectorEnv(**settings)

@@ -38,6 +38,7 @@ def test_each_public_attribute_is_there_or_its_error_says_why_not(mode, environm
         assert plain not in str(raised.value), name
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_attributes_are_those_of_gymnasiums_own_vector(domain):
     options = {"max_episode_steps": 7}
@@ -70,6 +71,7 @@ def test_the_autoreset_mode_is_an_attribute_as_well(mode):
     environments.close()
 
 
+@pytest.mark.full
 def test_goal_methods_are_called_for_every_environment_as_by_gymnasiums_own():
     ours = gymnasium.make_vec(KITCHEN_ID, 2, num_threads=1, goal_format="flat")
     own = gymnasium.make_vec(KITCHEN_ID, 2, vectorization_mode="sync", goal_format="flat")

@@ -119,6 +119,7 @@ def test_every_row_is_the_single_environment_with_all_that_an_episode_may_hold(m
     play(env, alone(**settings), mode, 3 * LIMIT)
 
 
+@pytest.mark.full
 def test_threads_share_the_designs_and_an_error_in_one_of_them_is_raised():
     joined, both, raised = batch(many(4, range(4), num_threads=2)), threading.Barrier(2, timeout=20), threading.Event()
     # It would time out if one thread made all calls.
@@ -137,6 +138,7 @@ def test_threads_share_the_designs_and_an_error_in_one_of_them_is_raised():
     assert len(called) == 4
 
 
+@pytest.mark.full
 def test_after_an_error_no_other_call_begins():
     joined, called = batch(many(3, range(3))), []
 
@@ -154,6 +156,7 @@ def test_one_design_however_often_has_one_batch():
     assert isinstance(batch(many(1, range(100))), Batch)
 
 
+@pytest.mark.full
 def test_a_reset_asks_each_kitchen_for_tasks_of_its_own():
     env = many(2, ["0", "7"])
     tasks = [env.template_of(i).composer_task.requests.tasks for i in range(2)]
@@ -208,6 +211,7 @@ def test_pictures_are_those_of_each_kitchen():
     env.close()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("design", "error", "message"),
     [
@@ -232,6 +236,7 @@ def test_a_bad_design_of_several_is_named_by_its_place(design, error, message):
         many(2, design)
 
 
+@pytest.mark.full
 def test_extra_observables_that_kitchens_do_not_share_are_refused():
     with refused(ValueError, "design[1]: extra_observables have other sizes than in design[0]"):
         many(2, [2, 3], extra_observables=["wall_doors_1/handle_positions"])

@@ -39,6 +39,7 @@ def single_episodes(i, actions, mode, arguments):
     return rows
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "arguments",
     [{}, pytest.param({"tasks_in_turn": True}, marks=pytest.mark.full)],
@@ -95,6 +96,7 @@ def test_weights_of_the_template_are_those_of_later_episodes():
     assert seen.tolist() == [True] * 5 + [False] * 2
 
 
+@pytest.mark.full
 def test_bad_requests_are_refused_and_change_nothing():
     envs = make()
     envs.reset(seed=0)
@@ -113,6 +115,7 @@ def test_bad_requests_are_refused_and_change_nothing():
         plain.reset(options={"requested_tasks": [["kettle"], None]})
 
 
+@pytest.mark.full
 def test_rewards_of_relabelled_goals_are_of_the_tasks_asked():
     envs = make(reward="sparse", threshold=0.3)
     envs.reset(seed=0, options={"requested_tasks": [["kettle"], ["microwave", "kettle"], ["top burner"]]})

@@ -52,6 +52,7 @@ def starts(envs, mode, rounds):
     return found
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("domain", "mode"),
     brief(
@@ -70,6 +71,7 @@ def test_episodes_have_the_seeds_that_no_other_has(domain, mode):
     assert envs.unwrapped.np_random_seed == tuple(10 + i + (len(each) - 1) * COUNT for i, each in enumerate(found))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_a_vector_of_single_environments_is_the_same_with_the_number_as_its_stride(mode):
     native = make_vec(autoreset_mode=mode, max_episode_steps=2, info_format="arrays")
@@ -82,6 +84,7 @@ def test_a_vector_of_single_environments_is_the_same_with_the_number_as_its_stri
         assert_same(native.step(actions)[:4], single.step(actions)[:4])
 
 
+@pytest.mark.full
 def test_the_lengths_of_other_episodes_do_not_matter():
     envs = make_vec()
     envs.reset(seed=10)
@@ -95,6 +98,7 @@ def test_the_lengths_of_other_episodes_do_not_matter():
         assert_same(row(observations, i), first(seed))
 
 
+@pytest.mark.full
 def test_seeds_in_a_sequence_count_on_by_the_same_distance_and_none_continues():
     envs = make_vec()
     envs.reset(seed=[100, 50, 7])
@@ -106,6 +110,7 @@ def test_seeds_in_a_sequence_count_on_by_the_same_distance_and_none_continues():
         assert_same(row(observations, i), first(seed))
 
 
+@pytest.mark.full
 def test_a_number_is_the_distance_in_vectors_as_well():
     envs = make_vec(episode_seeds=1)
     envs.reset(seed=10)
@@ -123,6 +128,7 @@ def test_the_episode_after_a_divergence_has_the_next_seed():
     assert_same(row(observations, 1), first(11 + COUNT))
 
 
+@pytest.mark.full
 def test_by_default_streams_go_on():
     envs, plain = make_vec(episode_seeds=False), make_vec(episode_seeds=False)
     for env, steps in ((envs, 3), (plain, 7)):

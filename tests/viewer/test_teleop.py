@@ -48,6 +48,7 @@ def play(episode, steps):
         episode.step()
 
 
+@pytest.mark.full
 def test_a_policy_acts_until_a_person_takes_over_and_hands_back(tmp_path):
     episode = started(SLOWLY)
     play(episode, 8)
@@ -68,6 +69,7 @@ def test_a_policy_acts_until_a_person_takes_over_and_hands_back(tmp_path):
     assert replay.main([str(tmp_path)]) == 0
 
 
+@pytest.mark.full
 def test_after_going_back_the_person_acts_until_it_is_handed_back():
     episode = started(SLOWLY)
     play(episode, 9)
@@ -160,6 +162,7 @@ def recorded_by(policy, folder, steps):
     return recording, recording.load(0)
 
 
+@pytest.mark.full
 def test_an_episode_goes_on_from_a_recorded_state(tmp_path):
     recording, whole = recorded_by("expert(speed=0.3)", tmp_path / "expert", 30)
     episode = persons_episode(KETTLE, recording.spec, render_quality="fast")
@@ -179,6 +182,7 @@ def test_an_episode_goes_on_from_a_recorded_state(tmp_path):
         episode.start_from(Episode(index=0, seed=0, arrays=changed))
 
 
+@pytest.mark.full
 def test_a_rollouts_episode_goes_on(tmp_path):
     """Its seeds start random streams in another way, and its actions are float64."""
     flags = ["--policy=random", "--task_name=kettle", "--num_episodes=1", "--max_episode_steps=6", "--seed=4"]
@@ -193,6 +197,7 @@ def test_a_rollouts_episode_goes_on(tmp_path):
     assert replay.main([str(tmp_path / "mine")]) == 0
 
 
+@pytest.mark.full
 def test_a_person_plays_goes_back_and_saves(tmp_path):
     episode = started(seed=5)
     mine = Collection(tmp_path / "mine", episode.spec)
@@ -226,6 +231,7 @@ def test_a_person_plays_goes_back_and_saves(tmp_path):
     assert replay.main([str(tmp_path / "mine")]) == 0
 
 
+@pytest.mark.full
 def test_a_folder_is_for_episodes_of_one_task(tmp_path):
     mine = Collection(tmp_path / "mine", made().spec)
     with refused(ValueError, "policy"):
@@ -233,6 +239,7 @@ def test_a_folder_is_for_episodes_of_one_task(tmp_path):
     assert made(policy="expert").spec.policy == "teleop(policy='expert')"
 
 
+@pytest.mark.full
 def test_of_two_that_save_one_seed_none_overwrites_the_other(tmp_path):
     """In one folder, as two viewers do."""
     one, other = started(seed=5), started(seed=5)

@@ -40,6 +40,7 @@ def every(modes):
     return [(domain, mode) for domain in DOMAINS for mode in modes]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "mode"), kinds(every(tracking.HOLDING_MODES)))
 def test_the_end_effector_holds_still(domain, mode):
     distance, turn = tracking.drift(load(domain, mode), mode, suite.DOMAINS[domain].episode_steps)
@@ -47,6 +48,7 @@ def test_the_end_effector_holds_still(domain, mode):
     assert turn <= 0.5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("axis", brief(range(3), kept=[2]))
 @pytest.mark.parametrize(("domain", "mode"), kinds(every(tracking.LINE_MODES)))
 def test_the_end_effector_follows_a_line(domain, mode, axis):
@@ -65,6 +67,7 @@ def turned(environment, action, steps):
     return poses.difference(tracking.end_effector_pose(environment)[1], before)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("domain", "frame"),
     brief(
@@ -106,6 +109,7 @@ def test_the_gripper_opens_and_closes_linearly(domain, mode):
         np.testing.assert_allclose(fingers.ctrl, spec.closed + share * (spec.open - spec.closed), atol=1e-12)
 
 
+@pytest.mark.full
 def test_nothing_winds_up_against_an_obstacle():
     environment = load("kitchen", "ee_delta_pose")
     down, up = (np.array([0.0, 0.0, sign, 0.0, 0.0, 0.0, 1.0]) for sign in (-1.0, 1.0))
@@ -154,6 +158,7 @@ def test_the_orientation_of_the_reset_is_held():
     assert tracking.angle(tracking.end_effector_pose(environment)[1], orientation) < 1.0
 
 
+@pytest.mark.full
 def test_the_null_space_returns_to_the_posture_of_the_reset():
     environment = load("open_cabinet", "ee_delta_pose")
     physics, joints = environment.physics, arm_of(environment)
@@ -186,6 +191,7 @@ def test_quaternions_are_normalised_and_have_two_signs():
         np.testing.assert_allclose(other, first, atol=1e-9)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("norm", [0.0, 1e-7])
 def test_a_quaternion_without_direction_is_refused(norm):
     environment = load("kitchen", "ee_pose")
@@ -202,6 +208,7 @@ def test_a_quaternion_without_direction_is_refused(norm):
     assert environments.step(np.stack([good, good]))[4]["episode_step"].tolist() == [1, 1]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "feedback", ["observed", *(pytest.param(name, marks=pytest.mark.nightly) for name in ("true", "target"))]
 )
@@ -233,6 +240,7 @@ def test_joint_positions_are_clipped():
     assert kitchen.physics.data.ctrl[1] < -1.7685 + 0.8 + 1e-4
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "mode"), kinds(CASES))
 def test_states_continue_in_the_middle_of_an_episode(domain, mode):
     one, other = load(domain, mode), load(domain, mode, random=9)
@@ -256,6 +264,7 @@ def test_a_command_that_does_not_fit_is_refused(mode):
         environment.set_state(state)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "mode"), kinds(CASES))
 def test_copies_and_pickles_continue(domain, mode):
     env = gymnasium.make(suite.DOMAINS[domain].env_id, control_mode=mode, disable_env_checker=True).unwrapped
@@ -270,6 +279,7 @@ def test_copies_and_pickles_continue(domain, mode):
             np.testing.assert_equal(twin.step(action)[:4], expected[:4])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_without_legacy_steps_an_episode_is_the_same(domain):
     task, options = suite.DOMAINS[domain].default_task, {"random": 0, "visuals": False, "control_mode": "ee_delta_pose"}
@@ -283,6 +293,7 @@ def test_without_legacy_steps_an_episode_is_the_same(domain):
         np.testing.assert_array_equal(other.physics.data.ctrl, default.physics.data.ctrl)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("mode", "calls"), [("joint_velocity", 0), ("joint_position", 0), ("joint_delta", 1)])
 def test_kinematics_are_computed_only_for_modes_that_read_them(mode, calls, monkeypatch):
     environment = load("kitchen", mode)
@@ -299,6 +310,7 @@ ONE_OF_EACH_MODE = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "mode"), brief(CASES, kept=ONE_OF_EACH_MODE))
 def test_spaces_are_the_specs(domain, mode):
     env = gymnasium.make(suite.DOMAINS[domain].env_id, control_mode=mode, disable_env_checker=True).unwrapped

@@ -106,6 +106,7 @@ def test_what_is_requested_has_a_slot():
         requests.checked({"requested_tasks": ["turn_on hood_1/light_switch", "open tall_door_1/left_door"]})
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_task_is_for_the_parts_of_its_kinds(verb):
     environment = load(verb)
@@ -121,6 +122,7 @@ def test_a_task_is_for_the_parts_of_its_kinds(verb):
     assert seen == set(TASKS[verb])
 
 
+@pytest.mark.full
 def test_any_asks_for_every_task_and_sets_for_as_many():
     assert set(load().task.requests.tasks) == {task for tasks in TASKS.values() for task in tasks}
     for count in (2, 4):
@@ -255,6 +257,7 @@ def test_the_kettle_is_moved_once_it_is_on_the_back_burner():
     np.testing.assert_allclose(slot[SLOT_SLICES["position"]] - handle, (0, 0.32, 0), atol=0.01)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("reward", ["sparse", "dense", "dense_gain"])
 def test_the_terms_of_a_reward_sum_to_it(reward):
     environment = load("any_4", reward=reward)
@@ -374,6 +377,7 @@ def test_instructions_say_what_is_asked_for():
     assert environment.task.instruction == "move the kettle to the back burner, then close the door of the tall cabinet"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("reward", ["sparse", "dense"])
 def test_a_state_continues_to_the_bit(reward):
     arguments = {"design": MINE, "reward": reward, **suite.task_arguments("kitchens", "any_2")}

@@ -95,12 +95,14 @@ def test_a_reverse_starts_where_the_other_task_ends_and_leads_to_the_initial_sta
     np.testing.assert_array_equal(data.qvel, 0.0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("tasks", [DEFAULT_TASKS, ("left hinge cabinet", "top right burner")])
 def test_the_start_without_reverses_is_the_references(tasks):
     environment = load(*tasks)
     np.testing.assert_array_equal(environment.physics.data.qpos, INITIAL_QPOS)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("pair", "reason"),
     brief(EXCLUDED, kept=[EXCLUDED[0], EXCLUDED[-1]]),
@@ -116,6 +118,7 @@ def test_tasks_that_exclude_each_other_are_refused_everywhere(pair, reason):
             build()
 
 
+@pytest.mark.full
 def test_doors_of_the_hinge_cabinet_are_tasks_of_their_own():
     environment = load("close left hinge cabinet", "hinge cabinet", "close slide cabinet")
     np.testing.assert_allclose(environment.task.task_distances, [1.2436, np.hypot(1.25, 1.4518), 0.3705], atol=1e-3)
@@ -125,6 +128,7 @@ def test_doors_of_the_hinge_cabinet_are_tasks_of_their_own():
     np.testing.assert_allclose(environment.task.task_distances, [1.4518, 1.2436], atol=1e-3)
 
 
+@pytest.mark.full
 def test_reverses_highlight_their_props():
     environment = suite.load("kitchen", "close_microwave", {"random": 0}, visualize_reward=True)
     environment.reset()
@@ -134,6 +138,7 @@ def test_reverses_highlight_their_props():
     np.testing.assert_allclose(environment.physics.bind(geoms).rgba, np.tile(SUCCESS_RGBA, (len(geoms), 1)))
 
 
+@pytest.mark.full
 def test_gymnasium_single_and_vectorised_start_and_step_alike():
     tasks = ["close slide cabinet", "return kettle", "turn off top burner", "left hinge cabinet"]
     many = FrankaKitchenVectorEnv(2, tasks_to_complete=tasks, num_threads=1)
@@ -161,6 +166,7 @@ def test_commands_know_the_tasks(capsys):
     assert "did you mean 'turn_off_light_switch'?" in capsys.readouterr().err
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("task", "split"),
     brief(

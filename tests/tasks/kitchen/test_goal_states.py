@@ -93,6 +93,7 @@ def test_requests_leave_the_random_stream_as_it_is():
     np.testing.assert_array_equal(plain["observation"], without["observation"])
 
 
+@pytest.mark.full
 def test_states_and_copies_keep_them():
     env = FrankaKitchenEnv(tasks_per_episode=2, goal_states=2)
     env.reset(seed=0, options={"goal_states": wanted()})
@@ -163,6 +164,7 @@ def test_goal_states_need_the_argument():
 PICTURES = {"obs_type": "pixels_agent_pos", "image_size": [24, 32], "render_quality": "fast"}
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize(
     "cameras",

@@ -106,6 +106,7 @@ def test_the_terms_sum_to_the_reward_and_are_zero_before_the_first_step(reward):
     assert infos[-1]["reward/completion"] == (reward == "dense")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("remove", [True, False])
 def test_a_dense_reward_is_one_from_completion_on(remove):
     env = make(["microwave"], "dense", remove_task_when_completed=remove)
@@ -149,6 +150,7 @@ def test_an_open_door_that_falls_shut_costs_dense_reward():
     assert env.step(np.zeros(9))[1] < ajar - 0.35
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("reward", "terminates"), [("sparse", True), ("dense", False), ("dense_gain", True)])
 def test_only_the_dense_reward_goes_on_after_completion_unless_told_otherwise(reward, terminates):
     for settings, expected in (({}, terminates), ({"terminate_on_tasks_completed": not terminates}, not terminates)):
@@ -172,6 +174,7 @@ def test_the_default_adds_nothing():
     assert plain.environment.task.reward_terms == {"completion": 0.0}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("reward", ["dense", "dense_gain"])
 def test_a_copy_continues_with_the_same_rewards(reward):
     env = make(["kettle", "microwave"], reward)
@@ -190,6 +193,7 @@ def test_a_copy_continues_with_the_same_rewards(reward):
         assert all(np.array_equal(info[name], again[name]) for name in info)
 
 
+@pytest.mark.full
 def test_the_reward_is_part_of_the_policys_name():
     names = {reward: make(["kettle"], reward).environment.task.policy_inputs.names[0] for reward in REWARDS}
     assert names == {"sparse": "kettle", "dense": "kettle_dense", "dense_gain": "kettle_dense_gain"}

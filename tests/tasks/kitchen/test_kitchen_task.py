@@ -129,6 +129,7 @@ def test_the_threshold_decides(threshold):
     assert reward == (1.0 if threshold > 0.75 else 0.0)
 
 
+@pytest.mark.full
 def test_noise_is_on_by_default_within_its_amplitude_and_can_be_switched_off():
     bounds = {
         "franka/joint_positions": 0.01 * AMPLITUDES[noise.FRANKA_SLICES.robot_positions],
@@ -156,6 +157,7 @@ def test_noise_does_not_depend_on_what_is_enabled():
         np.testing.assert_array_equal(one.observation["object_positions"], other.observation["object_positions"])
 
 
+@pytest.mark.full
 def test_zero_action_drifts_as_in_the_original_but_holds_with_target_feedback():
     def drift(feedback):
         timesteps = run(load(feedback=feedback, robot_noise_ratio=0.0), 120)
@@ -169,6 +171,7 @@ def test_zero_action_drifts_as_in_the_original_but_holds_with_target_feedback():
     assert drift("target") < 0.01
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("feedback", ["observed", "true", "target"])
 def test_only_observed_feedback_lets_the_noise_move_the_robot(feedback):
     def end(**noise):

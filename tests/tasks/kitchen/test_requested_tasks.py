@@ -38,6 +38,7 @@ def test_the_observation_and_the_infos_are_of_the_tasks_asked():
     assert inputs.flatten(observation).size == inputs.size == 59 + 2 * 17 + 7
 
 
+@pytest.mark.full
 def test_the_suite_observes_the_tasks_asked_last():
     environment = suite.load("kitchen", "random_4", task_kwargs={"random": 0})
     timestep = environment.reset()
@@ -97,6 +98,7 @@ SETTINGS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("settings", brief_named(SETTINGS, ["dense_gain"], full=["sparse", "variations"]))
 def test_an_episode_is_that_of_an_environment_with_only_the_tasks_asked(settings):
     """To the bit; also where the tasks asked have reverse ones among them, which alone move the start."""
@@ -152,6 +154,7 @@ def test_tasks_that_are_not_asked_may_be_done_at_the_start():
     assert info["tasks_to_complete"] == ["slide cabinet", "kettle"]
 
 
+@pytest.mark.full
 def test_copies_and_states_continue_with_the_same_tasks_and_draws():
     env = FrankaKitchenEnv(tasks_per_episode=(1, 4), reward="dense")
     env.reset(seed=1)
@@ -208,6 +211,7 @@ def test_weights_choose_the_tasks_of_later_episodes():
     assert {env.reset()[1]["requested_tasks"][0] for _ in range(5)} == {"slide cabinet"}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("value", "error", "shown"),
     [

@@ -34,12 +34,14 @@ def episode():
     return np.array(positions), np.array(asleep), np.array(reference), trees
 
 
+@pytest.mark.full
 def test_all_but_the_robot_falls_asleep(episode):
     _, asleep, _, trees = episode
     assert asleep[50, 1:].all()
     assert not asleep[:, trees[:9]].any()
 
 
+@pytest.mark.full
 def test_until_something_is_touched_trajectories_are_nearly_the_same(episode):
     positions, _, reference, _ = episode
     np.testing.assert_allclose(positions[:100], reference[:100], rtol=0, atol=1e-7)
@@ -64,6 +66,7 @@ def test_nothing_sleeps_unless_asked_to():
     assert not (environment.physics.data.ptr.tree_asleep >= 0).any()
 
 
+@pytest.mark.full
 def test_sleeping_kitchens_can_be_vectorised_and_start_awake_again():
     options = {"sleep": True, "max_episode_steps": 30, "robot_noise_ratio": 0.0}
     many = gymnasium.make_vec(KITCHEN_ID, 2, "vector_entry_point", **options)
@@ -83,6 +86,7 @@ def test_sleep_must_be_a_bool():
         load(sleep=1)
 
 
+@pytest.mark.full
 def test_furniture_that_the_layout_moves_is_where_it_is_without_sleep():
     options = {"variations": ["layout", "start"], "random": 3}
     sleepy, awake = load(sleep=True, **options), load(**options)
@@ -131,6 +135,7 @@ def test_episodes_with_other_starts_and_dynamics_are_nearly_the_same(seed):
         assert asleep[trees[doors]].all(), "the doors"
 
 
+@pytest.mark.full
 def test_a_displaced_kettle_that_sleeps_wakes_where_it_stands():
     # With these actions the robot runs into the kettle, wherever it stands.
     values = {"kettle/pose": (0.01, -0.02, 0.2)}

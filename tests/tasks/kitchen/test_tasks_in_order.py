@@ -29,6 +29,7 @@ def published(within_by_step):
     return completions
 
 
+@pytest.mark.full
 def test_the_rule_is_the_published_one():
     generator = np.random.default_rng(0)
     for _ in range(20_000):
@@ -50,6 +51,7 @@ def test_the_rule_has_leading_axes():
     np.testing.assert_array_equal(counted_in_order(within, completed).reshape(-1, 4), rows)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("close", [["microwave"], ["kettle"], ["microwave", "bottom burner"], SEQUENCE])
 def test_a_task_counts_after_those_before_it(close):
     """Within a threshold of 10 a task is complete from the first step on."""
@@ -63,6 +65,7 @@ def test_a_task_counts_after_those_before_it(close):
     assert relabelled == reward
 
 
+@pytest.mark.full
 def test_the_expert_keeps_the_order():
     sequence = ["light switch", "kettle", "microwave"]
     environment = suite.load(

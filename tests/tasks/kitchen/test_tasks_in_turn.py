@@ -55,6 +55,7 @@ def test_without_removal_completed_tasks_are_rewarded_again():
     assert [step(env)[1] for _ in range(4)] == [1.0, 2.0, 3.0, 3.0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("reward", ["dense", "dense_gain"])
 def test_dense_rewards_start_again_where_the_last_task_ended(reward):
     exact = {"reward": reward, "object_noise_ratio": 0.0, "robot_noise_ratio": 0.0}
@@ -74,6 +75,7 @@ def test_dense_rewards_start_again_where_the_last_task_ended(reward):
     assert env.compute_reward(*goals, info) == pytest.approx(earned)
 
 
+@pytest.mark.full
 def test_copies_and_states_continue_with_the_same_task():
     env, *_ = start(reward="dense_gain")
     step(env)

@@ -82,6 +82,7 @@ def single_episodes(seed, actions, limit):
         yield observation, reward, truncated, info
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("num_threads", [1, 2])
 def test_vectorised_environments_equal_single_ones(num_threads):
     rng = np.random.default_rng(0)

@@ -16,6 +16,7 @@ def opened_and_held(env, episodes):
     return sum(opening >= 0.3 and held >= 0.95 for opening, held, _ in results)
 
 
+@pytest.mark.full
 def test_a_grasp_pulls_the_top_drawer_open():
     env = suite.load("open_cabinet", "top_drawer", {"random": 0, "visuals": False})
     assert opened_and_held(env, 4) == 4

@@ -35,6 +35,7 @@ def random_state(physics, drawer, random):
         physics.data.qvel[:] = random.choice([0.01, 0.3]) * random.normal(size=13)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("drawer", brief(["top", "bottom"], kept=["bottom"]))
 def test_every_term_recomputed_at_random_states(drawer):
     env = load(f"{drawer}_drawer")

@@ -58,6 +58,7 @@ def test_dm_controls_action_wrappers_refuse_an_action_without_bounds():
         action_noise.Wrapper(load())
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_dm_controls_pixels_wrapper_adds_a_picture():
     env = suite.load("open_cabinet", "top_drawer", {"random": 0})

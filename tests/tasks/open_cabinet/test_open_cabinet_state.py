@@ -50,6 +50,7 @@ def test_an_environment_goes_on_from_anothers_state(variations):
             np.testing.assert_array_equal(values, copy.observation[name])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("variations", [None, open_cabinet.VARIED])
 def test_a_grasped_and_moving_drawer_goes_on_from_anothers_state(variations):
     noise = {"handle_offset": 0.01}

@@ -84,6 +84,7 @@ def test_an_action_is_an_offset_from_where_the_joints_are():
         np.testing.assert_array_equal(env.physics.data.ctrl[7:], 0.0 if action[7] > 0 else 0.04)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("action", [-2.0, 0.0, 0.7, 3.0])
 def test_the_gripper_closes_with_the_probability_of_its_logit(action):
     env = load()
@@ -114,6 +115,7 @@ def test_the_same_seed_gives_the_same_episodes():
         assert abs(mine[0] - different[0]).max() > 0.01
 
 
+@pytest.mark.full
 def test_the_gripper_draws_from_the_environments_random_state():
     env = load()
     env.reset()
@@ -219,6 +221,7 @@ def test_a_run_starts_without_the_steps_of_earlier_ones():
     assert env.task.total_steps == 0
 
 
+@pytest.mark.full
 def test_noise_is_off_unless_asked_for_and_is_then_clipped_too():
     clean, noisy = load(), load(observation_noise={"handle_offset": 0.02, "drawer_velocity": 10.0})
     assert all(part.corruptor is None for part in clean.task.observables.values() if part.enabled)
@@ -293,6 +296,7 @@ def test_visualising_the_reward_colours_the_handle_of_an_open_drawer():
     np.testing.assert_array_equal(bar.rgba, plain)
 
 
+@pytest.mark.full
 def test_a_term_of_ones_own_reads_the_states_before_and_after_the_step():
     def pull(step):
         return step.after.features[..., 34] - step.before.features[..., 34]

@@ -128,6 +128,7 @@ def test_draws_out_of_range_are_moved_into_it(name, drawn, nearest):
     np.testing.assert_array_equal(env.task.variations.values[name], nearest)
 
 
+@pytest.mark.full
 def test_a_variation_may_stand_within_an_offset():
     offset = (distributions.Uniform(0.01, 0.02), 0.0, 0.0)
     state = scene_state(load(variations={"cabinet/offset": offset}))
@@ -142,6 +143,7 @@ def test_the_pose_is_drawn_before_the_scene():
     np.testing.assert_array_equal(plain.physics.data.qpos, varied.physics.data.qpos)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("variations", [VARIED, json.loads(JSON)], ids=["composer", "JSON"])
 def test_values_are_drawn_after_the_pose_in_the_order_of_the_table(variations):
     for seed in range(5):

@@ -77,6 +77,7 @@ def test_held_out_values_are_not_seen(domain):
             )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", SCENES)
 def test_trajectories_do_not_depend_on_appearance_and_cameras(domain):
     plain = suite.load(domain, suite.default_task(domain), {"random": 0, "visuals": False})
@@ -95,6 +96,7 @@ def test_trajectories_do_not_depend_on_appearance_and_cameras(domain):
         np.testing.assert_array_equal(varied.physics.data.qvel, plain.physics.data.qvel)
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize("domain", SCENES)
 def test_held_out_views_show_something_else_in_full_light(domain):

@@ -115,6 +115,7 @@ def test_the_group_draws_from_the_episodes_stream():
     assert not np.array_equal(offsets[0], offsets[1])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("domain", "settings"),
     [
@@ -143,6 +144,7 @@ def test_vectorised_episodes_have_the_pushes_of_single_ones(domain, settings):
         assert data_equivalence(ours.step(actions), theirs.step(actions), exact=True)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("saved_after", [1, 4])
 def test_a_saved_state_holds_the_push(saved_after):
     push = {"step": 3, "undoes": 0, "joint_offsets": OFFSETS}

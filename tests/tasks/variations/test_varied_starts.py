@@ -133,6 +133,7 @@ def assert_stays_finite(domain, split, steps, num_envs=16):
     env.close()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_random_actions_in_varied_episodes_stay_finite(domain):
     assert_stays_finite(domain, "held_out", 640)
