@@ -271,8 +271,8 @@ _PROTOCOLS = (
         max_episode_steps=KITCHEN_STEPS,
         score=Score(name="d4rl_score", best=100.0, tasks=4),
         differences=(
-            "The noise is that of FrankaKitchen-v1: a tenth of D4RL's on the robot, and a two-hundredth on objects. For "
-            "D4RL's noise, replace both ratios by 0.1, as `hiql` and `dppo` have them. Observations also have "
+            "The noise is that of FrankaKitchen-v1: a tenth of D4RL's on the robot, and a two-hundredth on objects. "
+            "For D4RL's noise, replace both ratios by 0.1, as `hiql` and `dppo` have them. Observations also have "
             "velocities; distances are of true positions."
         ),
     ),
