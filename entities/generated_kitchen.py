@@ -65,7 +65,8 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
     """Builds the kitchen of a design.
 
     Args:
-      design: number of a design of the split, from 0, or a design as in `KitchenDesign.make`.
+      design: number of a design of the split, from 0; a `KitchenDesign`; or a JSON object, or the path of a file with
+        one; see docs/domains/kitchens.md.
       split: to which the number belongs, `train` or `test`.
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
     """

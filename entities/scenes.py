@@ -335,9 +335,10 @@ def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False, robot: str
 
     Args:
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
-      sleep: whether objects at rest are left out of the physics until something touches them, which is faster still;
-        trajectories are then nearly the same (see `SiteArena.enable_sleep`).
-      robot: `franka`, or another robot as in `arms.robot_spec`, which may have other options of the physics.
+      sleep: whether objects at rest are left out of the physics until something touches them, which is faster;
+        trajectories are then nearly the same. See `SiteArena.enable_sleep`.
+      robot: `franka`, `panda`, `ur5e`, a `RobotSpec`, or one as `module:NAME`; see docs/guide/arms.md. Its options of
+        the physics may be others.
     """
     arena, arm = KitchenArena(visuals=visuals), make_robot(robot, visuals=visuals)
     if options := arm.specification.physics_options:

@@ -158,8 +158,8 @@ class SuiteTask(composer.Task):
         Args:
           scene: of the task; not yet compiled.
           mdp: the task's settings and mathematics.
-          extra_observables: further quantities to observe, by the names of `observables.offered`.
-          variations: groups of parameters that vary, or distributions by parameter; see `Variations`.
+          extra_observables: names of additional quantities to observe; see docs/guide/observations.md.
+          variations: groups of parameters that vary, or distributions by parameter; see docs/guide/variations.md.
           variation_split: which distributions of the groups are drawn from, `seen` or `held_out`.
           **pictures: `cameras`, `image_size`, `depth` and `segmentation`; see `Pictures`.
         """

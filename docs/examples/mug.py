@@ -8,7 +8,7 @@ from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.tasks import KitchenTask, Observation
 
 # isort: split
-# After the suite: imported first, dm_control would look for a display.
+# After the suite: imported first, dm_control would open a GL library at once.
 from dm_control.composer.variation import distributions, noises
 from dm_control.entities.props.primitive import Primitive
 

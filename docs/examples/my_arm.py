@@ -1,11 +1,14 @@
 """A custom arm in the kitchen, with the scripted expert. Run: python my_arm.py; it needs the extra `experts`."""
 
 import numpy as np
-from dm_control import mjcf
 
 from kitchen_suite import experts, suite
 from kitchen_suite.entities import RobotSpec
 from kitchen_suite.entities.robot import prepare_mjcf
+
+# isort: split
+# After the suite: imported first, dm_control would open a GL library at once.
+from dm_control import mjcf
 
 # Joints a to f from the base outwards, and two fingers; usually a file, which `entities.robot.load_mjcf` reads.
 MJCF = """

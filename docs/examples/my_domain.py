@@ -20,7 +20,7 @@ from kitchen_suite.tasks import (
 )
 
 # isort: split
-# After the suite: imported first, dm_control would look for a display.
+# After the suite: imported first, dm_control would open a GL library at once.
 from dm_control import mjcf
 
 HOME = np.array([0.0, -0.6, 0.0, -2.4, 0.0, 1.9, 0.8, 0.04, 0.04])  # Of the arm's joints [rad] and the fingers [m].

@@ -8,7 +8,7 @@ from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.tasks import KitchenTask, Observation
 
 # isort: split
-# After the suite: imported first, dm_control would look for a display.
+# After the suite: imported first, dm_control would open a GL library at once.
 from dm_control import composer, mjcf
 
 PLACE = (-0.65, -0.35, 1.61)  # Of the lever's base on the counter, on the robot's left [m].

@@ -5,11 +5,14 @@ python own_task.py --steps=100
 
 import argparse
 
-import mujoco
 import numpy as np
-from dm_control import composer
 
 from kitchen_suite.entities import PANDA, Microwave, Robot
+
+# isort: split
+# After the suite: imported first, dm_control would open a GL library at once.
+import mujoco
+from dm_control import composer
 
 HOME = np.array([0.0, -0.6, 0.0, -2.4, 0.0, 1.9, 0.8, 0.02, 0.02])  # joints of the arm [rad], fingers [m]
 

@@ -141,6 +141,9 @@ def goal_table() -> str:
 
 # Arguments.
 
+# Pages that docstrings name.
+_NAMED_PAGE = re.compile(r"docs/(guide|domains)/(\w+)\.md")
+
 
 def argument_rows(domain: str) -> list[tuple[str, ...]]:
     """Returns the rows of all arguments of a domain's environments."""
@@ -159,11 +162,18 @@ def argument_rows(domain: str) -> list[tuple[str, ...]]:
                 f"`{name}`",
                 argument.owner,
                 "all" if len(fronts) == len(found) else code_list(fronts),
-                "the mode's" if argument.owner == "control" else default_text(argument.default),
+                default_of_modes(record, name) if argument.owner == "control" else default_text(argument.default),
                 meaning_of(name, argument),
             )
         )
     return rows
+
+
+def default_of_modes(record: suite.Domain, name: str) -> str:
+    """Returns the default of an argument of a domain's control modes, which is the same in all that have it."""
+    parameters = [inspect.signature(mode).parameters for mode in record.resolve("task").control_modes.values()]
+    (default,) = {each[name].default for each in parameters if name in each}
+    return default_text(default)
 
 
 def default_text(default: object) -> str:
@@ -174,13 +184,23 @@ def default_text(default: object) -> str:
 
 
 def meaning_of(name: str, argument: Argument) -> str:
-    """Returns the first sentence on an argument, of the innermost function whose docstring describes it."""
+    """Returns the first sentence on an argument, of the innermost function whose docstring describes it.
+
+    Pages that it names are links, from a page of the guide.
+    """
     for taker in reversed(argument.takers):
         function = taker.func if isinstance(taker, functools.partial) else taker
         texts = entries_of(function.__init__ if isinstance(function, type) else function, "Args")
         if name in texts:
-            return texts[name].partition(". ")[0].removesuffix(".").replace("|", "\\|")
+            sentence = texts[name].partition(". ")[0].removesuffix(".").replace("|", "\\|")
+            return _NAMED_PAGE.sub(_link, sentence)
     raise KeyError(f"no docstring describes the argument {name!r}")
+
+
+def _link(page: re.Match[str]) -> str:
+    """Returns a link from a page of the guide to one that a docstring names."""
+    folder, name = page.groups()
+    return f"[{name.replace('_', ' ')}]({'' if folder == 'guide' else f'../{folder}/'}{name}.md)"
 
 
 def argument_table(domain: str | None = None) -> str:
@@ -442,10 +462,6 @@ def control_mode_table() -> str:
         }
         sizes = [f"{domain} {spec.shape[0]}" for domain, spec in found.items()]
         same = len({spec.shape for spec in found.values()}) == 1
-        parameters = inspect.signature(_MODES[domains[0]][mode]).parameters.values()
-        arguments = [f"`{parameter.name}={parameter.default!r}`" for parameter in parameters]
-        if mode == "joint_position":
-            arguments = [f"{argument} (kitchen)" for argument in arguments]
         rows.append(
             (
                 f"`{mode}`",
@@ -453,10 +469,19 @@ def control_mode_table() -> str:
                 str(found[domains[0]].shape[0]) if same else ", ".join(sizes),
                 elements,
                 bounds_by_domain(found),
-                ", ".join(arguments),
+                ", ".join(mode_arguments(mode, domains)),
             )
         )
     return markdown(("mode", "domains", "size", "action", "bounds", "arguments"), rows)
+
+
+def mode_arguments(mode: str, domains: Sequence[str]) -> list[str]:
+    """Returns the arguments of a mode with their defaults, with the names of the domains where not all have these."""
+    owners = collections.defaultdict(list)
+    for domain in domains:
+        for parameter in inspect.signature(_MODES[domain][mode]).parameters.values():
+            owners[f"`{parameter.name}={parameter.default!r}`"].append(domain)
+    return [text if len(having) == len(domains) else f"{text} ({', '.join(having)})" for text, having in owners.items()]
 
 
 def bounds_by_domain(found: Mapping[str, spaces.Box]) -> str:

@@ -197,7 +197,8 @@ class Domain:
           control_timestep: length of a control step [s], a whole number of physics steps; the domain's when omitted.
             The default `time_limit` stays as many control steps.
           quality: whether the task measures how well episodes are done, as its `quality`; see docs/guide/quality.md.
-          environment_kwargs: further arguments of `Environment`.
+          environment_kwargs: additional arguments of `kitchen_suite.environment.Environment`, such as
+            `flat_observation`.
           **arguments: of the functions `scene` and `task`; docs/guide/arguments.md lists those of each domain.
 
         Raises:

@@ -270,6 +270,11 @@ _PROTOCOLS = (
         num_episodes=100,
         max_episode_steps=KITCHEN_STEPS,
         score=Score(name="d4rl_score", best=100.0, tasks=4),
+        differences=(
+            "The noise is that of FrankaKitchen-v1: a tenth of D4RL's on the robot, and a two-hundredth on objects. "
+            "For D4RL's noise, replace both ratios by 0.1, as `hiql` and `dppo` have them. Observations also have "
+            "velocities; distances are of true positions."
+        ),
     ),
     *(
         Protocol(
@@ -279,7 +284,10 @@ _PROTOCOLS = (
             num_episodes=50,
             max_episode_steps=KITCHEN_STEPS,
             score=Score(name="d4rl_score", best=100.0, tasks=4),
-            differences="The goal of 30 numbers is `criteria.goal_state`; distances are of true positions.",
+            differences=(
+                "The policy observes the goals of the tasks, from which `kitchen_suite.evaluation.criteria.goal_state` "
+                "makes the goal of 30 numbers; distances are of true positions."
+            ),
         )
         for name, source, tasks in (
             ("hiql", "Park et al. 2023", ("partial", "mixed")),

@@ -128,14 +128,16 @@ class SuiteEnv(gymnasium.Env):
           max_episode_steps: control steps after which the environment itself truncates; `gymnasium.make` counts
             separately.
           visuals: whether to build geoms and textures that only pictures need; when omitted, where there are pictures.
-          render_quality: `high` or `fast`; see `Domain.load`. When omitted, `fast` where images are those of `render()`
-            alone, and `high` where images are observed: both are of one model.
-          physics: `exact` or `fast`; the domain's when omitted; see `Domain.load`. With `fast`, infos have `physics`.
-          control_timestep: length of a control step [s]; the domain's when omitted; see `Domain.load`. Where it is
-            another one, infos have `control_timestep`. Step limits stay as many control steps.
+          render_quality: `high`, or `fast`, without shadows, reflections and sky; when omitted, `fast` where images are
+            those of `render()` alone, and `high` where images are observed. Both are of one model.
+          physics: `exact` or `fast`, see docs/guide/fast_physics.md; the domain's when omitted. With `fast`, infos have
+            `physics`.
+          control_timestep: length of a control step [s], a whole number of physics steps; the domain's when omitted.
+            Where it is another one, infos have `control_timestep`. Step limits stay as many control steps.
           quality: whether infos also say how well the episode has been done up to now: contact forces, objects that
             nobody asked to move, energy, and the path of the hand; see docs/guide/quality.md.
-          obs_type: observation type, such as `state` or `pixels_agent_pos`; the first of `obs_types` when omitted.
+          obs_type: observation type, such as `pixels_agent_pos`; when omitted the first of `obs_types`: `goal` in the
+            kitchen, `state` elsewhere; see docs/guide/observations.md.
           action_limit: bound of the action space, for agents that need a finite one, to which actions are clipped; of
             control modes without bounds of their own. The space is unbounded when omitted.
           episode_seeds: whether each reset without a seed has the next seed, which `np_random_seed` names: episode `k`

@@ -92,7 +92,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
           num_envs: number of environments.
           num_threads: number of threads that step them, including the calling one; by default one per processor.
           autoreset_mode: when an environment whose episode has ended starts the next one: `NextStep`, `SameStep`, or
-            `Disabled` for a call of `reset` with a `reset_mask`; see `step`.
+            `Disabled` for a call of `reset` with a `reset_mask`; see docs/guide/vector.md.
           max_episode_steps: control steps after which an episode truncates; never when omitted or -1.
           episode_seeds: whether each episode has a seed of its own, which `np_random_seed` names: the `k`-th one of
             environment `i`, after `reset(seed=s)`, has the seed `s + i + k * num_envs`, so that no two are equal. A

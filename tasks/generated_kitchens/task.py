@@ -104,18 +104,20 @@ class GeneratedKitchenTask(SuiteTask):
 
         Args:
           scene: the kitchen; each task needs a scene of its own.
-          verbs: keys of `VERBS`; an episode asks for parts of these.
+          verbs: what is done to the parts that an episode asks for: any of `open`, `close`, `turn_on`, `turn_off` and
+            `move_kettle`.
           tasks_per_episode: number of parts that an episode asks for, or a pair of the least and greatest number.
           certified: whether episodes ask only for what the scripted expert has completed by joint velocities in `fast`
             physics, as the kitchen's certificate says; or only for tasks of these names, such as
             `open drawers_1/drawer_2`.
           num_slots: number of slots that are observed, and greatest number of parts that an episode may ask for.
             Requested parts come first, so with few slots a policy sees little of a kitchen but what it is asked for.
-          reward: `sparse`, or `dense` or `dense_gain` as in the kitchen.
+          reward: `sparse`, `dense` or `dense_gain`, as in the kitchen; see docs/guide/rewards.md.
           robot_noise_ratio: scale of the noise of the robot's joints; 0 for none. The default is at most 1 mrad.
           object_noise_ratio: scale of the noise of handles and openings; 0 for none. The default is at most 2 mm, and
             0.5 % of an opening.
-          control_mode: meaning of the action, one of the kitchen's.
+          control_mode: meaning of the action: `joint_velocity`, `joint_position`, `joint_delta`, `ee_delta_position`,
+            `ee_delta_pose` or `ee_pose`; see docs/guide/control_modes.md.
           **options: those of `SuiteTask`, and arguments of the control mode, as in `KitchenTask`.
 
         Raises:

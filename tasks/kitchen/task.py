@@ -85,17 +85,18 @@ class KitchenTask(SuiteTask):
 
         Args:
           scene: the furnished kitchen; each task needs a scene of its own.
-          tasks_to_complete: keys of `goals.GOALS`, by default the reference's; lists keep this order.
+          tasks_to_complete: names of tasks, of the twenty in docs/domains/kitchen.md; by default the seven of
+            FrankaKitchen-v1; lists keep this order.
           terminate_on_tasks_completed: whether the episode terminates once every task has been completed; when
-            omitted, unless the reward is one of `tasks.shaping.CONTINUING`.
+            omitted, unless the reward is `dense`.
           remove_task_when_completed: whether a task is rewarded once (`True`), or in every step within its threshold.
           object_noise_ratio: scale of the noise of the objects' part of the observation; 0 for none.
           robot_noise_ratio: scale of the noise of the robot's part of the observation; 0 for none.
           goals: goals that override the default ones, by task.
           threshold: distance from the goal below which a task is complete, of all tasks or by task [rad, m]; 0.3 when
             omitted. Not together with `success`.
-          success: `original`, by the threshold, or `strict`, by joint; see `StrictSuccess`.
-          reward: key of `tasks.shaping.REWARDS`: `sparse`, or a dense one such as `dense_gain`.
+          success: `original`, by the threshold, or `strict`, by joint; see docs/domains/kitchen.md.
+          reward: `sparse`, `dense` or `dense_gain`; see docs/guide/rewards.md.
           tasks_per_episode: number of the tasks that an episode asks for, or a pair of the least and greatest number;
             each reset draws which of `tasks_to_complete`, and their order. Only these count for the start, the reward,
             the end and the infos. Every episode asks for all when omitted.
@@ -109,7 +110,8 @@ class KitchenTask(SuiteTask):
           goal_states: number of goal states that are observed: positions of robot and objects that are wanted, which
             do not change reward and success. The option `goal_states` of a reset gives them, `(k, 30)`; otherwise all
             are the start of the kitchen with the requested tasks done. With `cameras` also pictures of the last one.
-          control_mode: meaning of the action, one of `action.CONTROL_MODES`.
+          control_mode: meaning of the action: `joint_velocity`, `joint_position`, `joint_delta`, `ee_delta_position`,
+            `ee_delta_pose` or `ee_pose`; see docs/guide/control_modes.md.
           **options: those of `SuiteTask`, and arguments of the control mode. `joint_velocity` has `velocity_scale`,
             velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity` and
             `joint_position` have `feedback`, positions from which the action starts: the positions last `observed`,
