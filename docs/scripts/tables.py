@@ -505,7 +505,10 @@ def action_bounds(space: spaces.Box) -> str:
 
 def cabinet_reward_table() -> str:
     """Returns the table of the terms of open_cabinet's original reward."""
-    rows = [(i, f"`{name}`", first_line(getattr(drawer_reward, name))) for i, name in enumerate(drawer_reward.TERMS, 1)]
+    rows = [
+        (i, f"`{name}`", first_line(getattr(drawer_reward, name)))
+        for i, name in enumerate(drawer_reward.REWARDS["original"], 1)
+    ]
     return markdown(("term", "name", "value"), rows)
 
 
@@ -516,7 +519,10 @@ def cabinet_grasp_reward_table() -> str:
         "grasp": drawer_reward.grip_closing,
         "opening": drawer_reward.grasp_opening,
     }
-    rows = [(drawer_reward.TERMS.index(name) + 1, f"`{name}`", first_line(term)) for name, term in own.items()]
+    rows = [
+        (1 + [*drawer_reward.REWARDS["original"]].index(name), f"`{name}`", first_line(term))
+        for name, term in own.items()
+    ]
     return markdown(("term", "name", "value"), rows)
 
 
@@ -749,8 +755,8 @@ def _protocol_table(protocols: Sequence[Protocol]) -> str:
         (
             f"`{protocol.name}`",
             protocol.follows,
-            _domains(protocol),
-            "; ".join(dict.fromkeys(_task(condition, protocol.is_general) for condition in protocol.conditions)),
+            protocol.domain_name or "all",
+            "; ".join(dict.fromkeys(_task(condition, protocol.domain_name) for condition in protocol.conditions)),
             _arguments(protocol),
             f"{protocol.num_episodes:,}",
             f"{protocol.seed:,}",
@@ -777,18 +783,11 @@ def protocol_differences() -> str:
     return "".join(f"- `{protocol.name}`: {protocol.differences}\n" for protocol in found)
 
 
-def _domains(protocol: Protocol) -> str:
-    if protocol.is_general:
-        return "all"
-    return ", ".join(
-        domain.name for domain in suite.DOMAINS.values() if protocol.name in domain_protocols(domain.name).protocols
-    )
-
-
-def _task(condition: Condition, is_general: bool) -> str:
+def _task(condition: Condition, domain_name: str | None) -> str:
     if condition.task_name:
         return f"`{condition.task_name}`"
-    return f"`{domain_protocols('kitchen').task_name}`" + ("; elsewhere the domain's default" if is_general else "")
+    elsewhere = "" if domain_name else "; elsewhere the domain's default"
+    return f"`{domain_protocols('kitchen').task_name}`{elsewhere}"
 
 
 def _arguments(protocol: Protocol) -> str:

@@ -18,9 +18,6 @@ from kitchen_suite.tasks.open_cabinet.features import Features, scalars
 from kitchen_suite.tasks.terms import RewardTerm
 from kitchen_suite.types import Array
 
-# Names of the terms in order.
-TERMS = ("approach", "orientation", "grasp", "opening", "straddling", "effort", "termination")
-
 # Control steps of a task, over all its episodes, after which the penalties grow.
 LATE_STAGE = 8_000
 
@@ -202,23 +199,19 @@ def _effort_term(step: Any) -> Array:
     return effort(step.features, step.action - step.before.previous_action, step.before.total_steps)
 
 
-_SHARED: Mapping[str, RewardTerm] = {
+_ORIGINAL: Mapping[str, RewardTerm] = {
     "approach": _term(approach),
+    "orientation": _term(orientation),
+    "grasp": lambda step: grasp(step.features, step.gripper),
+    "opening": _term(opening),
     "straddling": _term(straddling),
     "effort": _effort_term,
     "termination": lambda step: termination(step.after.terminates),
 }
 
-_ORIGINAL: Mapping[str, RewardTerm] = {
-    **_SHARED,
-    "orientation": _term(orientation),
-    "grasp": lambda step: grasp(step.features, step.gripper),
-    "opening": _term(opening),
-}
-
 # Pays for opening only while both pads hold the bar.
 _GRASP: Mapping[str, RewardTerm] = {
-    **_SHARED,
+    **_ORIGINAL,
     "orientation": _term(grasp_orientation),
     "grasp": lambda step: grip_closing(step.grip, step.gripper),
     "opening": lambda step: grasp_opening(step.features, step.grip),
@@ -226,8 +219,8 @@ _GRASP: Mapping[str, RewardTerm] = {
 
 REWARDS: Mapping[str, Mapping[str, RewardTerm]] = MappingProxyType(
     {
-        "original": MappingProxyType({name: _ORIGINAL[name] for name in TERMS}),
-        "grasp": MappingProxyType({name: _GRASP[name] for name in TERMS}),
+        "original": MappingProxyType(_ORIGINAL),
+        "grasp": MappingProxyType(_GRASP),
     }
 )
-"""The terms of each reward, by the names of reward and term, in the order of `TERMS`."""
+"""The terms of each reward, by the names of reward and term, in the order in which they are added."""

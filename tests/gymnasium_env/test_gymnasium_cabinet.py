@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from helpers.errors import refused
-from helpers.open_cabinet import VARIED
+from helpers.open_cabinet import TERMS, VARIED
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID, FrankaOpenCabinetEnv
-from kitchen_suite.tasks.open_cabinet.reward import TERMS
 
 
 def actions(steps, seed=0):

@@ -159,7 +159,7 @@ def test_the_terms_sum_up_to_the_reward_even_where_episodes_end():
     taught.start(0)
     means = taught.learn()
     envs.close()
-    terms = {name: means[f"step/reward/{name}"] for name in drawer_reward.TERMS}
+    terms = {name: means[f"step/reward/{name}"] for name in drawer_reward.REWARDS["original"]}
     assert terms["termination"] < 0
     assert means["step/reward"] == pytest.approx(sum(terms.values()), abs=1e-6)
 

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.clients
 DESCRIPTION = RunDescription(**METADATA, training_kwargs={}, hyperparameters={}, seed=0)
 
 EVALUATION = {f"evaluation/{name}" for name in ("success", "progress", "length", "return")}
-BATCHES = {f"step/reward/{name}" for name in drawer_reward.TERMS} | {
+BATCHES = {f"step/reward/{name}" for name in drawer_reward.REWARDS["original"]} | {
     "step/reward",
     "loss/policy loss",
     "loss/value loss",

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.open_cabinet import step_of
+from helpers.open_cabinet import TERMS, step_of
 
 from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.tasks.open_cabinet import reward
@@ -259,7 +259,7 @@ def test_the_terms_of_both_rewards_are_their_formulas():
     )
     terms = step(rows, change=np.full(8, -0.25), steps=8_000, terminates=True)
     assert list(terms) == ["original", "grasp"]
-    assert [tuple(each) for each in terms.values()] == [reward.TERMS] * 2
+    assert [tuple(each) for each in terms.values()] == [tuple(TERMS)] * 2
     shared = {
         "approach": 10.0 * (1.0 - np.tanh(0.2)),
         "straddling": -0.01,
