@@ -19,6 +19,7 @@ from kitchen_suite.domains.generated_kitchens import KITCHENS
 from kitchen_suite.domains.kitchen import KITCHEN
 from kitchen_suite.domains.microwave_table import MICROWAVE_TABLE
 from kitchen_suite.domains.open_cabinet import OPEN_CABINET
+from kitchen_suite.names import ANY_ENVIRONMENT
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
@@ -126,8 +127,8 @@ def _register_ids(domain: Domain, arguments: Mapping[str, Any]) -> None:
 
 
 for _domain in DOMAINS.values():
-    # Their classes know their domains.
-    _register_ids(_domain, {})
+    # A class of its own knows its domain.
+    _register_ids(_domain, {"domain": _domain.name} if _domain.env == ANY_ENVIRONMENT.single else {})
 
 
 # Control steps that a registration plays.

@@ -4,6 +4,8 @@ import ast
 import contextlib
 import dataclasses
 import pickle
+import subprocess
+import sys
 
 import gymnasium
 import numpy as np
@@ -314,3 +316,30 @@ def test_every_name_of_a_task_has_a_goal():
 )
 def test_headings_name_the_generated_kitchen(kwargs, shown):
     assert EnvironmentSpec.make("kitchens", "open", kwargs).variations == shown
+
+
+GENERIC = """
+import dataclasses
+import importlib
+import gymnasium
+from kitchen_suite import suite
+from kitchen_suite.domains import microwave_table
+from kitchen_suite.names import ANY_ENVIRONMENT
+
+classes = {"env": ANY_ENVIRONMENT.single, "vector_env": ANY_ENVIRONMENT.vector}
+domain = dataclasses.replace(microwave_table.MICROWAVE_TABLE, **classes)
+microwave_table.MICROWAVE_TABLE = domain
+for env_id in (domain.env_id, *domain.task_ids.values()):
+    gymnasium.registry.pop(env_id, None)
+importlib.reload(suite)
+single = gymnasium.make(domain.env_id)
+many = gymnasium.make_vec(domain.env_id, num_envs=1)
+assert (single.reset(seed=0)[0] == many.reset(seed=0)[0][0]).all()
+print(type(single.unwrapped).__name__, type(many).__name__)
+"""
+
+
+@pytest.mark.full
+def test_a_domain_of_the_suite_needs_no_environments_of_its_own():
+    process = subprocess.run([sys.executable, "-c", GENERIC], capture_output=True, text=True, check=True)
+    assert process.stdout == "SuiteEnv SuiteVectorEnv\n"
