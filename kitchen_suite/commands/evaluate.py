@@ -8,7 +8,7 @@ from absl.flags import DEFINE_boolean, DEFINE_string, FlagValues
 
 from kitchen_suite.commands import flags, watching
 from kitchen_suite.commands.command import Command
-from kitchen_suite.evaluation.protocols import KITCHENS, PROTOCOLS
+from kitchen_suite.evaluation.protocols import PROTOCOLS
 
 if TYPE_CHECKING:
     from kitchen_suite.episodes.spec import EnvironmentSpec
@@ -34,11 +34,10 @@ line on stderr; 130 if interrupted. Protocols, whose sources and values are in d
 
 
 def _protocol_lines() -> str:
-    names: dict[str, list[str]] = {"all domains": [], "the kitchen": [], "generated kitchens": []}
+    names: dict[str | None, list[str]] = {None: []}
     for protocol in PROTOCOLS.values():
-        own = "generated kitchens" if protocol.name in KITCHENS.protocols else "the kitchen"
-        names["all domains" if protocol.is_general else own].append(protocol.name)
-    lines = (f"of {domains}: {', '.join(each)}" for domains, each in names.items())
+        names.setdefault(protocol.domain_name, []).append(protocol.name)
+    lines = (f"of {domain or 'all domains'}: {', '.join(each)}" for domain, each in names.items())
     wrapper = textwrap.TextWrapper(100, "  ", subsequent_indent=" " * 6, break_on_hyphens=False)
     return "\n".join(["", *map(wrapper.fill, lines), ""])
 

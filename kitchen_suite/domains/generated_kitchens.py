@@ -30,7 +30,6 @@ KITCHENS = Domain(
     physics=FAST,
     env=GENERATED_KITCHEN_ENVIRONMENT.single,
     vector_env=GENERATED_KITCHEN_ENVIRONMENT.vector,
-    evaluation="kitchen_suite.evaluation.protocols:KITCHENS",
     expert="kitchen_suite.policies.experts.generated_kitchens:PartExpert",
     contents="kitchen_suite.tasks.generated_kitchens.contents:with_contents",
 )

@@ -340,9 +340,10 @@ def _name_of(condition: Condition, task_name: str) -> str:
 
 def find_protocol(name: str, domain_name: str) -> Protocol:
     """Returns a protocol of a domain; a ValueError if it is for other domains."""
-    own = domain_protocols(domain_name).protocols
+    own = {None, domain_name}
+    taken = domain_protocols(domain_name).protocols
     protocol = PROTOCOLS[checks.choice(name, PROTOCOLS.keys(), "protocol")]
-    offered = [each.name for each in PROTOCOLS.values() if each.is_general or each.name in own]
+    offered = [each.name for each in PROTOCOLS.values() if each.domain_name in own or each.name in taken]
     if name not in offered:
         raise ValueError(f"protocol {name!r} is not for domain {domain_name!r}; choose from {offered}")
     return protocol

@@ -76,7 +76,7 @@ class Protocol:
       seed: of the first episode of a condition; the others have the next ones.
       num_episodes: of each condition.
       max_episode_steps: control steps of an episode; the domain's when None.
-      is_general: whether it is for every domain; otherwise for those that name it among their `protocols`.
+      domain_name: the domain whose it is, beside those that name it among their `protocols`; None for every domain.
       overall: the protocol's scores over all conditions, from the scores by condition.
       sampled: scores of which the mean over all conditions is given as well, with an interval, where the conditions are
         a sample of many more, as kitchens are.
@@ -89,7 +89,7 @@ class Protocol:
     seed: int = UNSEEN_SEED
     num_episodes: int
     max_episode_steps: int | None = None
-    is_general: bool = False
+    domain_name: str | None = "kitchen"
     score: Score | None = None
     overall: Callable[[Mapping[str, Mapping[str, Any]]], dict[str, float]] = lambda scores: {}
     sampled: tuple[str, ...] = ()
@@ -235,7 +235,7 @@ _PROTOCOLS = (
         follows="the suite's own: random 4 of the 7 tasks (kitchen), varied starts, seeds that training never uses",
         conditions=(Condition(task_kwargs={"variations": ["start"]}),),
         num_episodes=200,
-        is_general=True,
+        domain_name=None,
     ),
     Protocol(
         name="strict",
@@ -250,7 +250,7 @@ _PROTOCOLS = (
         follows="as default; score: clean success, with nothing else disturbed, and no more than 10 N on the bare arm",
         conditions=(Condition(task_kwargs={"variations": ["start"], "quality": True}),),
         num_episodes=200,
-        is_general=True,
+        domain_name=None,
     ),
     Protocol(
         name="diffusion-policy",
@@ -428,13 +428,14 @@ _PROTOCOLS = (
         follows="zero-shot, as kitchen-shift 2021: nothing varied, each group, all; seen and held-out; and pushes",
         conditions=_SHIFTS,
         num_episodes=100,
-        is_general=True,
+        domain_name=None,
     ),
     Protocol(
         name="unseen-kitchens",
         follows="the suite's own: one part to open, in each of 100 generated kitchens of `test`; score: mean success",
         conditions=tuple(map(_kitchen_condition, range(UNSEEN_KITCHENS))),
         num_episodes=UNSEEN_EPISODES,
+        domain_name="kitchens",
         sampled=("success",),
     ),
 )
@@ -444,7 +445,7 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType({protocol.name: protocol fo
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DomainProtocols:
-    """The evaluation of a domain: the names of the protocols that are made for it, beside those for all.
+    """The evaluation of a domain: the names of protocols that it takes beside those for all and those that name it.
 
     `task_name` is the task that is played where a protocol names none; the domain's default task when None.
     """
@@ -458,10 +459,7 @@ def domain_protocols(domain_name: str) -> DomainProtocols:
     return suite.find_domain(domain_name).resolve("evaluation") or DomainProtocols()
 
 
-KITCHENS = DomainProtocols(protocols=("unseen-kitchens",))
 KITCHEN = DomainProtocols(
     task_name="random_4",
-    protocols=tuple(
-        protocol.name for protocol in _PROTOCOLS if not protocol.is_general and protocol.name not in KITCHENS.protocols
-    ),
+    protocols=tuple(protocol.name for protocol in _PROTOCOLS if protocol.domain_name == "kitchen"),
 )

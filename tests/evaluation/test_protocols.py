@@ -326,12 +326,10 @@ def test_training_never_uses_the_seeds():
 
 @pytest.mark.parametrize("domain", suite.DOMAINS.values(), ids=lambda domain: domain.name)
 def test_domains_name_protocols_that_exist_for_them(domain):
-    assert set(domain_protocols(domain.name).protocols) <= {
-        name for name, protocol in PROTOCOLS.items() if not protocol.is_general
-    }
-    offered = {name for name, protocol in PROTOCOLS.items() if protocol.is_general} | set(
-        domain_protocols(domain.name).protocols
-    )
+    own = {None, domain.name}
+    offered = {name for name, protocol in PROTOCOLS.items() if protocol.domain_name in own}
+    assert {"default", "clean", "shift"} <= offered
+    assert {*domain_protocols(domain.name).protocols} <= offered
     for name in offered:
         assert find_protocol(name, domain.name) is PROTOCOLS[name]
         tasks = {
