@@ -363,7 +363,7 @@ def _specs(policy: PolicyRef, protocol: Protocol, replaced: Replaced) -> dict[st
     specs: dict[str, EpisodeSpec] = {}
     for condition in protocol.conditions:
         task_name = replaced.task_name or condition.task_name or default_task
-        kwargs = {**condition.task_kwargs, **replaced.task_kwargs}
+        kwargs = {**_available(condition.task_kwargs, replaced.domain_name), **replaced.task_kwargs}
         environments = EnvironmentSpec.make(replaced.domain_name, task_name, kwargs, max_episode_steps)
         if condition.measures or condition.goals:
             # Before the model of another arm is looked for.
@@ -376,6 +376,16 @@ def _specs(policy: PolicyRef, protocol: Protocol, replaced: Replaced) -> dict[st
             raise ValueError(f"the conditions of protocol {protocol.name!r} are of tasks that {name!r} cannot replace")
         specs[name] = spec
     return specs
+
+
+def _available(task_kwargs: Mapping[str, Any], domain_name: str) -> dict[str, Any]:
+    """Returns the arguments of a condition without the groups of variations that a domain does not have."""
+    available = {row.group for row in suite.find_domain(domain_name).resolve("task").varied}
+    groups = [name for name in task_kwargs.get("variations", ()) if name in available]
+    others = {name: value for name, value in task_kwargs.items() if name not in ("variations", "variation_split")}
+    if not groups:
+        return others
+    return {**task_kwargs, "variations": groups}
 
 
 def _check_franka(spec: EnvironmentSpec, what: str) -> None:

@@ -6,8 +6,10 @@ import json
 import shutil
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
+from docs_scripts import load_script
 from helpers.errors import refused
 from helpers.protocols import domain_of
 from helpers.sweeps import brief
@@ -355,6 +357,28 @@ def test_default_is_the_default_task_of_another_domain():
     assert list(made.specs) == ["top_drawer"]
     assert dict(made.first.task_kwargs) == {"variations": ["start"]}
     assert (made.first.max_episode_steps, made.score) == (700, None)
+
+
+def test_conditions_of_groups_that_a_domain_does_not_have_are_left_out():
+    made = plan(protocol="shift", domain_name="kitchens")
+    groups = ("start", "dynamics", "sensing", "camera")
+    assert [*made.specs] == ["none", *(f"{group} {split}" for group in (*groups, "all") for split in SPLITS), "push"]
+    assert made.specs["all seen"].task_kwargs["variations"] == [*groups]
+    assert made.replaced == []
+
+
+@pytest.mark.parametrize(("protocol", "kwargs"), [("default", {}), ("shift", {}), ("clean", {"quality": True})])
+def test_a_domain_without_variations_is_evaluated(protocol, kwargs):
+    domain = load_script("examples/my_domain").LEVER
+    suite.register(domain)
+    try:
+        made = plan(protocol=protocol, domain_name=domain.name)
+        assert [spec.task_kwargs for spec in made.specs.values()] == [kwargs]
+        assert made.replaced == []
+    finally:
+        del suite._domains[domain.name]
+        for env_id in (domain.env_id, *domain.task_ids.values()):
+            gymnasium.registry.pop(env_id, None)
 
 
 def test_what_is_given_replaces_the_protocols_values():
