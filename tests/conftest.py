@@ -32,9 +32,6 @@ gc.set_threshold(500_000, 5, 20)
 
 COSTS = ("quick", "full", "nightly")
 
-# The most cases of a parametrised test that a run plays; a nightly one plays all.
-MOST_CASES = {"quick": 2, "full": 6}
-
 # What the tests of a marker import. Tests that need any of it cost as much as the full ones.
 REQUIREMENTS = {
     "clients": ("torch", "stable_baselines3", "skrl", "torchrl", "shimmy", "ipykernel", "matplotlib"),
@@ -72,28 +69,18 @@ def _missing(item: pytest.Item) -> str | None:
     return None
 
 
-def _spread(items: list[pytest.Item], count: int) -> list[pytest.Item]:
-    """Returns some of several items, evenly spread from the first to the last one."""
-    if count < 1 or len(items) <= count:
-        return items[: max(count, 0)]
-    return [items[round(place * (len(items) - 1) / max(count - 1, 1))] for place in range(count)]
-
-
 def _mark_further_cases(items: list[pytest.Item]) -> None:
-    """Marks the cases of parametrised tests beyond the most that a run plays: it plays some, evenly spread."""
+    """Marks the cases of parametrised tests that a quick run leaves out: it plays the first and the last one.
+
+    Where some cases of a test are marked by hand, as by `helpers.sweeps.brief`, the others are those to be played.
+    """
     by_test: dict[str, list[pytest.Item]] = collections.defaultdict(list)
     for item in items:
-        # Those that need more than the test extra have stages of their own, none of which is nightly.
-        if not any(map(item.get_closest_marker, ("loaders", *REQUIREMENTS))):
-            by_test[item.nodeid.partition("[")[0]].append(item)
+        by_test[item.nodeid.partition("[")[0]].append(item)
     for cases in by_test.values():
-        kept: list[pytest.Item] = []
-        for cost, further in enumerate(COSTS[1:]):
-            others = [item for item in cases if _cost(item) == cost]
-            kept += _spread(others, MOST_CASES[COSTS[cost]] - len(kept))
-            for item in others:
-                if item not in kept:
-                    item.add_marker(further)
+        if not any(map(_cost, cases)):
+            for item in cases[1:-1]:
+                item.add_marker(pytest.mark.full)
 
 
 @pytest.hookimpl(tryfirst=True)

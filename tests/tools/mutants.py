@@ -196,7 +196,7 @@ def run_tests(folder: Path, tests: tuple[str, ...]) -> None:
     os.dup2(silent, 2)
     sys.dont_write_bytecode = True
     sys.path.insert(0, str(folder))
-    arguments = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-o", "addopts=", "-m", MARKS]
+    arguments = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-o", "addopts=", "--run=full", "-m", MARKS]
     paths = [str(ROOT / test) for test in tests]
     status = pytest.main([*arguments, "-c", str(ROOT / "setup.cfg"), "--rootdir", str(ROOT), *paths])
     os._exit(int(status))
