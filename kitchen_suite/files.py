@@ -199,7 +199,7 @@ def append_line(path: Path, line: bytes) -> None:
     text = line + b"\n"
     with path.open("ab", buffering=0) as file:
         if file.write(text) != len(text):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+            raise OSError(f"a line of {path} could not be written whole")
 
 
 def check_writable(folder: Path) -> None:
