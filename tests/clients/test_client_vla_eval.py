@@ -180,6 +180,8 @@ BAD_PARAMS = {
     "protocol": ({"protocol": "d4rll"}, "protocol 'd4rll' does not exist (did you mean 'd4rl'?)"),
     "protocol and seed": ({"protocol": "d4rl", "seed": 1}, "has tasks and a seed of its own"),
     "protocol with goals": ({"protocol": "beso"}, "takes its goals from a recording"),
+    "protocol with scores": ({"protocol": "clean"}, "has scores that vla-eval does not report"),
+    "value of the protocol": ({"protocol": "d4rl", "task_kwargs": {"robot_noise_ratio": -1}}, "robot_noise_ratio"),
 }
 
 

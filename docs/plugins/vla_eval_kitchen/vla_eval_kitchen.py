@@ -15,9 +15,9 @@ from vla_eval.types import Action, EpisodeResult, Observation, Task
 from kitchen_suite import checks, suite
 from kitchen_suite.datasets.lerobot import AGENT_POS, ENVIRONMENT_STATE, OBS_TYPES, PIXELS, LeRobotObservations
 from kitchen_suite.episodes.spec import EnvironmentSpec, reset_to_seed
-from kitchen_suite.evaluation.plan import find_protocol
-from kitchen_suite.evaluation.protocols import domain_protocols
+from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_unprepared_plan
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
+from kitchen_suite.policies import PolicyRef
 
 # Key of what policies of the suite act on, and name of the argument that adds it.
 SUITE_OBSERVATION = "suite_observation"
@@ -68,7 +68,7 @@ class KitchenSuiteBenchmark(StepBenchmark):
           suite_observation: whether observations also have the suite's own, without pictures, by the key
             `suite_observation`. Servers that need it set it.
           protocol: name of a protocol of `kitchen-evaluate` whose conditions are played in place of `tasks`, from its
-            own seeds; only one whose seeds say all of its episodes.
+            own seeds; only one whose scores are successes and completed tasks. `episodes_per_task` is the config's.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
@@ -87,8 +87,12 @@ class KitchenSuiteBenchmark(StepBenchmark):
         else:
             if tasks is not None or seed:
                 raise ValueError(f"protocol {protocol!r} has tasks and a seed of its own: give none")
-            self._seed = find_protocol(protocol, domain_name).seed
-            self._specs = _conditions(protocol, domain_name, task_kwargs, max_episode_steps)
+            plan = _plan(protocol, domain_name, task_kwargs, max_episode_steps)
+            self._seed = plan.first.seed
+            self._specs = {
+                name: EnvironmentSpec.make(each.domain_name, each.task_name, each.task_kwargs, each.max_episode_steps)
+                for name, each in plan.specs.items()
+            }
         self._present = ""
         self._environment: gymnasium.Env | None = None
         self._build(next(iter(self._specs)))
@@ -177,18 +181,14 @@ class KitchenSuiteBenchmark(StepBenchmark):
         return next(iter(self._observations(observation).get(PIXELS, {}).values()), None)
 
 
-def _conditions(
-    name: str, domain_name: str, task_kwargs: Mapping[str, Any], max_episode_steps: int | None
-) -> dict[str, EnvironmentSpec]:
-    """Returns the environments of the conditions of a protocol, by the names of these, with further arguments."""
-    protocol = find_protocol(name, domain_name)
-    if any(condition.goals for condition in protocol.conditions):
-        raise ValueError(f"protocol {name!r} takes its goals from a recording: kitchen-evaluate plays it")
-    steps = max_episode_steps or protocol.max_episode_steps
-    default_task = domain_protocols(domain_name).task_name
-    specs = {}
-    for condition in protocol.conditions:
-        kwargs = {**task_kwargs, **condition.task_kwargs}
-        spec = EnvironmentSpec.make(domain_name, condition.task_name or default_task, kwargs, steps)
-        specs[condition.name or spec.task_name] = spec
-    return specs
+def _plan(
+    protocol: str, domain_name: str, task_kwargs: Mapping[str, Any], max_episode_steps: int | None
+) -> EvaluationPlan:
+    """Returns the plan of a protocol whose scores are those that vla-eval reports; other values replace its own."""
+    replaced = Replaced(domain_name=domain_name, task_kwargs=task_kwargs, max_episode_steps=max_episode_steps)
+    plan = make_unprepared_plan(PolicyRef.parse("zero"), protocol, replaced)
+    if any(condition.goals for condition in plan.conditions.values()):
+        raise ValueError(f"protocol {protocol!r} takes its goals from a recording: kitchen-evaluate plays it")
+    if any(plan.measure_names.values()):
+        raise ValueError(f"protocol {protocol!r} has scores that vla-eval does not report: kitchen-evaluate plays it")
+    return plan
