@@ -56,7 +56,7 @@ def run(given: FlagValues) -> None:
     policy = PolicyRef.of(chosen["policy"])
     recording = claim(given.output, spec, policy, num_episodes=count, seed=given.seed)
     found = count - len(recording.missing(count))
-    print(f"{spec.domain_name} {spec.task_name}, policy {policy.text}, {spec.variations}, seeds from {given.seed}")
+    print(f"{spec.domain_name} {spec.task_name}, policy {policy.text}, {spec.circumstances}, seeds from {given.seed}")
     print(f"{count} episodes in {given.output}, {found} of them there already", flush=True)
     try:
         complete(

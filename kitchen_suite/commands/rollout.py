@@ -129,7 +129,7 @@ def _begin(spec: "EpisodeSpec", output: "Path | None") -> "Recording | None":
     from kitchen_suite.episodes.report import print_line
 
     recording = Recording.create(output, spec) if output else None
-    print_line(f"{spec.domain_name} {spec.task_name}, policy {spec.policy}, {spec.variations}\n")
+    print_line(f"{spec.domain_name} {spec.task_name}, policy {spec.policy}, {spec.circumstances}\n")
     return recording
 
 

@@ -137,22 +137,23 @@ class EnvironmentSpec:
 
     @property
     def variations(self) -> str:
-        """Description of what varies between episodes, of physics unless exact, of control steps and of the kitchen."""
+        """Description of what varies between episodes, of physics unless exact and of replaced control steps."""
         variations = self.argument("variations") or "none"
         names = variations if isinstance(variations, str) else ",".join(variations)
         split, physics = self.argument("variation_split"), self.argument("physics")
         heading = f"variations {names}" + (f" ({split})" if variations != "none" else "")
         if (timestep := self.argument("control_timestep")) is not None:
             heading = f"control steps of {timestep:g} s, {heading}"
-        if physics != EXACT:
-            heading = f"{physics} physics, {heading}"
-        if "design" in suite.find_domain(self.domain_name).arguments(self.env_class):
-            design = self.argument("design")
-            kitchen = (
-                f"kitchen {design} of {self.argument('split')}" if isinstance(design, int) else "a kitchen of its own"
-            )
-            heading = f"{kitchen}, {heading}"
-        return heading
+        return heading if physics == EXACT else f"{physics} physics, {heading}"
+
+    @property
+    def circumstances(self) -> str:
+        """The `variations`, after the name of a generated kitchen."""
+        if "design" not in suite.find_domain(self.domain_name).arguments(self.env_class):
+            return self.variations
+        design = self.argument("design")
+        kitchen = f"kitchen {design} of {self.argument('split')}" if isinstance(design, int) else "a custom kitchen"
+        return f"{kitchen}, {self.variations}"
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
         """Makes a single environment; `extra` are further arguments, which replace none of the specification's."""

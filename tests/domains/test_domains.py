@@ -311,11 +311,11 @@ def test_every_name_of_a_task_has_a_goal():
     [
         ({}, "kitchen 0 of train, fast physics, variations none"),
         ({"design": 7, "split": "test", "physics": "exact"}, "kitchen 7 of test, variations none"),
-        ({"design": {"placed": []}}, "a kitchen of its own, fast physics, variations none"),
+        ({"design": {"placed": []}}, "a custom kitchen, fast physics, variations none"),
     ],
 )
 def test_headings_name_the_generated_kitchen(kwargs, shown):
-    assert EnvironmentSpec.make("kitchens", "open", kwargs).variations == shown
+    assert EnvironmentSpec.make("kitchens", "open", kwargs).circumstances == shown
 
 
 GENERIC = """
