@@ -269,7 +269,7 @@ def results() -> Iterator[Mapping[str, Any]]:
 
 
 # Protocols with tables of their own: with many conditions, or with scores over all of them.
-_APART = ("shift", "lexa", "metra", "earl", "calvin")
+_APART = ("shift", "lexa", "metra", "earl", "calvin", "unseen-kitchens")
 
 
 def goals_table() -> str:
@@ -279,12 +279,19 @@ def goals_table() -> str:
             f"`{result['protocol']}`",
             result["policy"],
             result["num_episodes"] * len(result["conditions"]),
-            "; ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in result["overall"].items()),
+            _overall(result),
         )
         for result in results()
-        if "overall" in result
+        if "overall" in result or PROTOCOLS[result["protocol"]].sampled
     ]
     return markdown(("protocol", "policy", "episodes", "score"), rows)
+
+
+def _overall(result: Mapping[str, Any]) -> str:
+    """Returns the scores of a result over all conditions; of those that are a sample with intervals."""
+    if names := PROTOCOLS[result["protocol"]].sampled:
+        return "; ".join(f"{name} {with_interval(result, name)}" for name in names)
+    return "; ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in result["overall"].items())
 
 
 def evaluation_table() -> str:
@@ -370,7 +377,10 @@ def rate(condition: Mapping[str, Any], name: str) -> str:
 
 def with_interval(condition: Mapping[str, Any], name: str) -> str:
     """Returns a mean of a result with its interval."""
-    low, high = condition["intervals"][name]
+    interval = condition["intervals"][name]
+    if interval is None:
+        return f"{condition[name]:.3g}"
+    low, high = interval
     return f"{condition[name]:.3g} ({low:.2f} to {high:.2f})"
 
 

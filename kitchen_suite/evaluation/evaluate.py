@@ -27,7 +27,7 @@ from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, check_robot, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipts import Receipt, Trace, TraceRecorder
-from kitchen_suite.evaluation.scores import EpisodeResult, score_sample
+from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import TIMESTEP, PolicyError, PolicyRef
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
@@ -54,9 +54,8 @@ class Evaluation:
 
     @property
     def scores(self) -> dict[str, Any]:
-        """Scores of the first condition, such as `success`, `mean_tasks` and `intervals`."""
-        name, *_ = self.results
-        return self.plan.scores(self.results[name])
+        """Scores of the first condition, or means over a sample, such as `success`, `mean_tasks` and `intervals`."""
+        return self.plan.main_scores(self.scores_by_condition)
 
     def as_json(self) -> dict[str, Any]:
         """Returns what was evaluated, and all scores, as JSON represents it, without times, dates and paths."""
@@ -180,14 +179,12 @@ def evaluate(
     evaluation = Evaluation(plan=plan, results=results)
     if verbose and len(results) > 1:
         if plan.is_sample:
-            summary = tables.format_counts(results, table_format)
+            summary = tables.format_sample(evaluation.scores, results, table_format)
         else:
             summary = tables.format_summary(evaluation.scores_by_condition, table_format)
         print_line(f"\n{summary}")
-        record = evaluation.as_json()
-        if overall := record.get("overall"):
-            formatted = tables.format_overall(overall, record.get("overall_intervals", {}), table_format)
-            print_line(f"\n{formatted}")
+        if overall := evaluation.as_json().get("overall"):
+            print_line(f"\n{tables.format_overall(overall, table_format)}")
     if receipt is not None:
         evaluation.write_receipt(Path(receipt))
     return evaluation
@@ -266,15 +263,13 @@ def play_again(plan: EvaluationPlan, policy: PolicyRef, num_episodes: int, watch
 
 
 def as_json(plan: EvaluationPlan, scores: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Returns the description with the scores: those of the first condition at the top, all by condition below."""
+    """Returns the description with the scores: the main ones at the top, all by condition below."""
     description = plan.description
     conditions = {name: {**task, **scores[name]} for name, task in description.pop("conditions").items()}
     is_own = plan.score or any(plan.measures.values())
     overall = PROTOCOLS[plan.protocol].overall(scores) if is_own else {}
-    of_all: dict[str, Any] = {"overall": overall} if overall else {}
-    if plan.is_sample:
-        of_all = score_sample(scores, PROTOCOLS[plan.protocol].sampled)
-    return {**description, **next(iter(conditions.values())), **of_all, "conditions": conditions}
+    of_all = {"overall": overall} if overall else {}
+    return {**description, **plan.main_scores(conditions), **of_all, "conditions": conditions}
 
 
 def check_receipt(plan: EvaluationPlan) -> None:

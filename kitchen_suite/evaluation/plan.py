@@ -19,7 +19,7 @@ from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.evaluation import criteria, quality
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Measure, Protocol, Score, domain_protocols
-from kitchen_suite.evaluation.scores import MAX_SEED, EpisodeResult, score_episodes
+from kitchen_suite.evaluation.scores import MAX_SEED, EpisodeResult, score_episodes, score_sample
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyRef
 
@@ -104,6 +104,12 @@ class EvaluationPlan:
         """Returns the scores of the episodes of a condition, see `score_episodes`."""
         return score_episodes(results, self.score, self.first.max_episode_steps)
 
+    def main_scores(self, by_condition: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+        """Returns the scores by which the evaluation is known: of its first condition, or the means over a sample."""
+        if self.is_sample:
+            return score_sample(by_condition, PROTOCOLS[self.protocol].sampled)
+        return dict(next(iter(by_condition.values())))
+
     def reset_options(self, name: str, index: int) -> dict[str, Any]:
         return self.resets[name][index] if name in self.resets else {}
 
@@ -133,7 +139,7 @@ class EvaluationPlan:
     @property
     def replaced(self) -> list[str]:
         """Names of the values that are not the protocol's; what a policy has to observe is not among them."""
-        own = _unprepared(PolicyRef.parse("zero"), self.protocol, Replaced(domain_name=self.first.domain_name))
+        own = make_unprepared_plan(PolicyRef.parse("zero"), self.protocol, Replaced(domain_name=self.first.domain_name))
         mine = _values(self)
         its = _values(own)
         return [name for name in mine if mine[name] != its[name]]
@@ -145,7 +151,9 @@ class EvaluationPlan:
         The names of arguments begin with that of their condition, unless they are the same in all conditions.
         """
         mine = _values(self)
-        its = _values(_unprepared(PolicyRef.parse("zero"), self.protocol, Replaced(domain_name=self.first.domain_name)))
+        its = _values(
+            make_unprepared_plan(PolicyRef.parse("zero"), self.protocol, Replaced(domain_name=self.first.domain_name))
+        )
         conditions, own = dict(mine.pop("conditions")), dict(its.pop("conditions"))
         found = {name: (mine[name], its[name]) for name in mine if mine[name] != its[name]}
         if [*conditions] != [*own]:
@@ -232,7 +240,7 @@ def make_plan(
 
     `dataset` is the folder of a recording, from whose episodes some protocols take their goals.
     """
-    plan = _unprepared(policy, protocol, replaced)
+    plan = make_unprepared_plan(policy, protocol, replaced)
     prepared = {name: spec.prepared(policy) for name, spec in plan.specs.items()}
     taken = {name: condition.goals for name, condition in plan.conditions.items() if condition.goals}
     if dataset is None:
@@ -291,7 +299,8 @@ class _Recorded:
         return states[:, criteria.STATE], sorted(completed, key=completed.__getitem__)
 
 
-def _unprepared(policy: PolicyRef, protocol: str, replaced: Replaced) -> EvaluationPlan:
+def make_unprepared_plan(policy: PolicyRef, protocol: str, replaced: Replaced) -> EvaluationPlan:
+    """Plans an evaluation as `make_plan` does, but builds no policy, and takes no goals from a dataset."""
     found = find_protocol(protocol, replaced.domain_name)
     count = found.num_episodes if replaced.num_episodes is None else replaced.num_episodes
     checks.integer(count, "num_episodes", minimum=1, maximum=checks.MAX_COUNT)

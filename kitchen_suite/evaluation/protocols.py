@@ -76,10 +76,10 @@ class Protocol:
       seed: of the first episode of a condition; the others have the next ones.
       num_episodes: of each condition.
       max_episode_steps: control steps of an episode; the domain's when None.
-      domain_name: the domain whose it is, beside those that name it among their `protocols`; None for every domain.
+      domain_name: the domain that it is for, beside those that name it among their `protocols`; None for every domain.
       overall: the protocol's scores over all conditions, from the scores by condition.
-      sampled: scores of which the mean over all conditions is given as well, with an interval, where the conditions are
-        a sample of many more, as kitchens are.
+      sampled: its scores, as means over all conditions, where these are a sample of many more, as kitchens are; empty
+        where each condition has scores of its own.
       differences: what is not as in the source, in a sentence; empty if nothing is known to be.
     """
 
@@ -216,6 +216,7 @@ def _kitchen_condition(design: int) -> Condition:
             "certified": True,
             "num_slots": 1,
             "control_mode": "ee_delta_pose",
+            "physics": "fast",
         },
     )
 
@@ -432,7 +433,7 @@ _PROTOCOLS = (
     ),
     Protocol(
         name="unseen-kitchens",
-        follows="the suite's own: one part to open, in each of 100 generated kitchens of `test`; score: mean success",
+        follows="the suite's own: one part to open, in 100 generated kitchens of `test`, fast physics; score: success",
         conditions=tuple(map(_kitchen_condition, range(UNSEEN_KITCHENS))),
         num_episodes=UNSEEN_EPISODES,
         domain_name="kitchens",
@@ -459,7 +460,8 @@ def domain_protocols(domain_name: str) -> DomainProtocols:
     return suite.find_domain(domain_name).resolve("evaluation") or DomainProtocols()
 
 
-KITCHEN = DomainProtocols(
-    task_name="random_4",
-    protocols=tuple(protocol.name for protocol in _PROTOCOLS if protocol.domain_name == "kitchen"),
-)
+def _names_of(domain_name: str) -> tuple[str, ...]:
+    return tuple(protocol.name for protocol in _PROTOCOLS if protocol.domain_name == domain_name)
+
+
+KITCHEN = DomainProtocols(task_name="random_4", protocols=_names_of("kitchen"))

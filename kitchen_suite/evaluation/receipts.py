@@ -34,7 +34,7 @@ from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import machine
 
-FORMAT = 1
+FORMAT = 2
 
 # What is written, so that it can be read again: 38 bytes a control step of the kitchen and some 300 an episode, and in
 # the metadata up to `ENTRY_SIZE` characters, of four bytes, an episode beside its goals, `MAX_METADATA` in all.

@@ -202,15 +202,16 @@ def score_episodes(
 
 
 def score_sample(scores: Mapping[str, Mapping[str, Any]], names: Sequence[str]) -> dict[str, Any]:
-    """Returns means of some scores, which are shares, over conditions that are a sample, as JSON represents them.
+    """Returns the means of some rates over conditions that are a sample, as JSON represents them.
 
-    Their intervals are those of the mean over all conditions there could be: episodes of one condition, such as a
-    kitchen, are more alike than those of two.
+    Their intervals are those of the mean over all conditions that could have been drawn: episodes of one condition,
+    such as a kitchen, are more alike than those of two.
     """
     means = {name: mean([each[name] for each in scores.values()], low=0.0, high=1.0) for name in names}
     return {
-        "overall": {name: round(value, _DECIMALS) for name, (value, _) in means.items()},
-        "overall_intervals": {name: _rounded(interval) for name, (_, interval) in means.items()},
+        **{name: round(value, _DECIMALS) for name, (value, _) in means.items()},
+        "intervals": {name: _rounded(interval) for name, (_, interval) in means.items()},
+        "diverged_seeds": [seed for each in scores.values() for seed in each["diverged_seeds"]],
     }
 
 

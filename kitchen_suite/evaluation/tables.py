@@ -26,6 +26,8 @@ def format_heading(plan: EvaluationPlan) -> str:
     first, varied = plan.first, {spec.variations for spec in plan.specs.values()}
     each = " of each condition" if len(plan.specs) > 1 else ""
     variations = first.variations if len(varied) == 1 else "variations by condition"
+    if len(plan.specs) == 1:
+        variations = first.circumstances
     played = f"{first.domain_name}, policy {PolicyRef.parse(first.policy).without_file}, protocol {plan.protocol}"
     return f"{played}, {variations}: {counted(plan.num_episodes)}{each}, seeds from {first.seed}"
 
@@ -49,10 +51,7 @@ def format_scores(
             counts = f"{row['completed']} of {row['asked']}"
             tasks.append((task, value_text("rate", row["rate"]), _interval("rate", row["interval"]), counts))
         parts.append(table(("task", "completed", _INTERVAL, "where asked"), tasks, table_format))
-    if diverged := scores["diverged_seeds"]:
-        where = f"the physics diverged in {counted(len(diverged))}"
-        text = f"{where}, counted as failures that completed nothing: seeds {diverged}"
-        parts.append(paragraph(text, table_format))
+    parts += _diverged(scores, table_format)
     return "\n\n".join(parts)
 
 
@@ -119,28 +118,40 @@ def _interval(key: str, interval: list[float] | None) -> str:
     return f"{low} to {high}"
 
 
-def format_overall(
-    overall: Mapping[str, float], intervals: Mapping[str, list[float] | None], table_format: str = "text"
+def format_overall(overall: Mapping[str, float], table_format: str = "text") -> str:
+    """Returns the table of the scores over all conditions."""
+    rows = [(label(name), f"{value:.4g}") for name, value in overall.items()]
+    return table(("over all conditions", ""), rows, table_format)
+
+
+def format_sample(
+    scores: Mapping[str, Any], results: Mapping[str, Sequence[EpisodeResult]], table_format: str = "text"
 ) -> str:
-    """Returns the table of the scores over all conditions; `intervals` may lack those of some scores."""
-    if not intervals:
-        rows = [(label(name), f"{value:.4g}") for name, value in overall.items()]
-        return table(("over all conditions", ""), rows, table_format)
-    with_intervals = [
-        (label(name), value_text(name, value), _interval(name, intervals.get(name))) for name, value in overall.items()
+    """Returns the scores over conditions that are a sample, and how many conditions have how many successes."""
+    rows = [
+        (label(key), value_text(key, scores[key]), _interval(key, each)) for key, each in scores["intervals"].items()
     ]
-    return table(("over all conditions", "", _INTERVAL), with_intervals, table_format)
-
-
-def format_counts(results: Mapping[str, Sequence[EpisodeResult]], table_format: str = "text") -> str:
-    """Returns a row for each number of successes: in how many conditions there are so many, and which these are."""
     by_count: dict[int, list[str]] = {}
     for name, each in results.items():
         by_count.setdefault(sum(result.success for result in each), []).append(name)
     most = len(next(iter(results.values())))
-    rows = []
+    counts = []
     for count in range(most, -1, -1):
         names = by_count.get(count, [])
         shown = ", ".join(names[:_MOST_NAMES]) + (", ..." if len(names) > _MOST_NAMES else "")
-        rows.append((f"{count} of {most}", str(len(names)), shown))
-    return table(("successes", "conditions", "which"), rows, table_format)
+        counts.append((f"{count} of {most}", str(len(names)), shown))
+    parts = [
+        table(("mean over all conditions", str(len(results)), _INTERVAL), rows, table_format),
+        table(("successes", "conditions", "which"), counts, table_format),
+        *_diverged(scores, table_format),
+    ]
+    return "\n\n".join(parts)
+
+
+def _diverged(scores: Mapping[str, Any], table_format: str) -> list[str]:
+    """Returns the paragraph on episodes whose physics diverged; nothing if there are none."""
+    seeds = scores["diverged_seeds"]
+    if not seeds:
+        return []
+    where = f"the physics diverged in {counted(len(seeds))}"
+    return [paragraph(f"{where}, counted as failures that completed nothing: seeds {seeds}", table_format)]

@@ -125,10 +125,16 @@ def verify(
     everything = [comparison for each in compared.values() for comparison in each]
     verdict = worst(comparison.verdict for comparison in everything)
     if verbose:
-        for name, each in compared.items():
-            replayed = sorted((one.replayed for one in each), key=lambda result: result.episode)
-            scores = plan.scores(replayed)
-            print_line(f"\n{tables.format_scores(name, plan.specs[name].task_name, plan.num_episodes, scores)}")
+        replayed = {
+            name: sorted((one.replayed for one in each), key=lambda result: result.episode)
+            for name, each in compared.items()
+        }
+        scores = {name: plan.scores(each) for name, each in replayed.items()}
+        if plan.is_sample:
+            print_line(f"\n{tables.format_sample(plan.main_scores(scores), replayed)}")
+        else:
+            for name, each in scores.items():
+                print_line(f"\n{tables.format_scores(name, plan.specs[name].task_name, plan.num_episodes, each)}")
         print_line(f"\n{_table(compared)}\n")
         _print_differences(everything)
         print_line(_VERDICTS[verdict])

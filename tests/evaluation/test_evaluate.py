@@ -16,7 +16,11 @@ from helpers.sweeps import brief
 
 from kitchen_suite.commands import evaluate
 from kitchen_suite.episodes import report
+from kitchen_suite.evaluation import tables
+from kitchen_suite.evaluation.evaluate import Evaluation
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE
+from kitchen_suite.evaluation.plan import Replaced, make_unprepared_plan
+from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.vector_env import base as vector_base
 
@@ -102,6 +106,41 @@ def test_every_condition_of_a_protocol_is_scored(run, tmp_path):
     assert result["d4rl_score"] == 0.0
     assert out.splitlines()[-5].split()[:3] == ["condition", "p1", "p2"]
     assert [line.split()[0] for line in out.splitlines()[-3:]] == ["complete", "partial", "mixed"]
+
+
+def test_conditions_that_are_a_sample_are_scored_together():
+    plan = make_unprepared_plan(PolicyRef.parse("zero"), "unseen-kitchens", Replaced(domain_name="kitchens"))
+    # In kitchen 0 nothing succeeds, in kitchen 1 one of four episodes, and so on to all four, again and again.
+    results = {
+        name: [
+            EpisodeResult(
+                condition=name,
+                episode=index,
+                seed=plan.first.seed + index,
+                success=index < number % 5,
+                progress=float(index < number % 5),
+                control_steps=280,
+                diverged=number == 0 and index == 3,
+            )
+            for index in range(4)
+        ]
+        for number, name in enumerate(plan.specs)
+    }
+    evaluation = Evaluation(plan=plan, results=results)
+    record = evaluation.as_json()
+    assert record["success"] == evaluation.scores["success"] == 0.5
+    assert record["diverged_seeds"] == [400_000_003]
+    assert record["conditions"]["kitchen 1"]["success"] == 0.25
+    # The quantile of Student's t for 99 degrees of freedom is 1.984217.
+    half = 1.984217 * np.std([0.0, 0.25, 0.5, 0.75, 1.0] * 20, ddof=1) / 10
+    assert evaluation.scores["intervals"]["success"] == pytest.approx([0.5 - half, 0.5 + half], abs=1e-6)
+    text = tables.format_sample(evaluation.scores, results)
+    assert [line.split()[:4] for line in text.splitlines() if " of 4" in line] == [
+        [str(count), "of", "4", "20"] for count in range(4, -1, -1)
+    ]
+    assert "kitchen 0, kitchen 5, kitchen 10, kitchen 15, kitchen 20, kitchen 25, ..." in text
+    assert "the physics diverged in 1 episode" in text
+    assert "fast physics, variations none: 4 episodes of each condition" in tables.format_heading(plan)
 
 
 def test_diverged_episodes_count_as_failures_and_are_named(run, tmp_path, monkeypatch):

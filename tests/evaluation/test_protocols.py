@@ -216,6 +216,7 @@ LITERAL = {
                     "certified": True,
                     "num_slots": 1,
                     "control_mode": "ee_delta_pose",
+                    "physics": "fast",
                 },
             )
             for design in range(100)

@@ -255,7 +255,7 @@ def test_bad_files_are_refused(run, written):
     with np.load(written) as file:
         arrays = dict(file)
     metadata = json.loads(str(arrays["metadata"]))
-    for change in ({"format": 2}, {"episodes": 3}, {"replaced": ["seed"]}, {"episodes": {}}):
+    for change in ({"format": 1}, {"episodes": 3}, {"replaced": ["seed"]}, {"episodes": {}}):
         altered = {**arrays, "metadata": np.array(json.dumps({**metadata, **change}))}
         files.Path("b.npz").write_bytes(sealed(files.pack_arrays(altered)))
         status, _, err = run(replay, "b.npz")

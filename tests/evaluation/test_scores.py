@@ -97,11 +97,12 @@ def test_control_steps_are_within_an_episode():
 
 def test_conditions_that_are_a_sample_have_the_interval_of_their_mean():
     shares = [0.0, 0.25, 1.0, 1.0, 0.75]
-    scored = scores.score_sample({f"kitchen {i}": {"success": share} for i, share in enumerate(shares)}, ("success",))
+    by_condition = {f"kitchen {i}": {"success": each, "diverged_seeds": [i]} for i, each in enumerate(shares)}
+    scored = scores.score_sample(by_condition, ("success",))
     # The quantile of Student's t for four degrees of freedom is 2.776445.
     half = 2.776445 * np.std(shares, ddof=1) / math.sqrt(5)
-    assert scored["overall"] == {"success": 0.6}
-    assert scored["overall_intervals"]["success"] == pytest.approx([0.6 - half, 1.0], abs=1e-6)
+    assert (scored["success"], scored["diverged_seeds"]) == (0.6, [0, 1, 2, 3, 4])
+    assert scored["intervals"]["success"] == pytest.approx([0.6 - half, 1.0], abs=1e-6)
 
 
 def test_no_episode_has_no_score():

@@ -82,6 +82,18 @@ def test_the_parts_of_observation_slots_and_noise_are_end_to_end():
     assert (SIZE, NOISE_SIZE) == (363, 82)
 
 
+@pytest.mark.parametrize(
+    ("task", "arguments", "name"),
+    [
+        ("open", {}, "kitchens_open"),
+        ("open", {"reward": "dense"}, "kitchens_open_dense"),
+        ("any", {}, "kitchens_open_close_turn_on_turn_off_move_kettle"),
+    ],
+)
+def test_a_trained_policy_is_named_by_what_it_is_asked_for(task, arguments, name):
+    assert load(task, **arguments).task.policy_inputs.names == (name,)
+
+
 def test_fewer_slots_are_the_first_ones():
     full, few = load("any_2"), load("any_2", num_slots=2)
     observed = []
