@@ -89,6 +89,7 @@ def test_a_library_that_opens_files_has_one_module(library):
     assert homes | literal <= LIBRARIES[library]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("function", CALLS)
 def test_what_reads_the_data_of_others_is_called_in_one_module(function):
     homes = {

@@ -126,6 +126,7 @@ FOLLOWED = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("arguments", FOLLOWED, ids=" ".join)
 def test_what_is_suggested_works(folder, run, monkeypatch, arguments):
     folder.joinpath("mine").mkdir()

@@ -128,6 +128,7 @@ def test_no_modules_import_each_other_in_a_circle():
     assert list(graphlib.TopologicalSorter(graph).static_order())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("library", HOMES)
 def test_a_heavy_library_stays_in_its_package(library):
     homes = {

@@ -120,6 +120,7 @@ def test_what_is_named_as_custom_is_imported(place):
     assert run(place, *READERS["play"], "--custom=planted:DOMAIN") == (0, "")
 
 
+@pytest.mark.full
 def test_a_file_may_name_what_the_program_has_named(place, monkeypatch):
     monkeypatch.chdir(place)
     monkeypatch.syspath_prepend(place)

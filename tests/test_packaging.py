@@ -74,6 +74,7 @@ def test_importing_the_suite_neither_registers_nor_prints():
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.full
 def test_the_suite_adds_no_filters_of_warnings():
     code = (
         "import warnings, gymnasium, scipy.special\n"

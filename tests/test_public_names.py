@@ -59,6 +59,7 @@ def test_submodules_are_imported_when_they_are_used():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.full
 def test_environments_tasks_and_entities_say_what_they_are():
     kitchen = suite.load("kitchen", "mixed", {"visuals": False})
     task = "KitchenTask(tasks_to_complete=['microwave', 'kettle', 'bottom burner', 'light switch'])"

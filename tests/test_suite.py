@@ -120,6 +120,7 @@ def test_episodes_of_one_environment_differ(domain, task):
     assert any(not np.array_equal(one[key], other[key]) for key in one)
 
 
+@pytest.mark.full
 @every_task
 def test_observations_are_fresh_memory(domain, task):
     environment = load(domain, task)
@@ -185,12 +186,14 @@ def test_an_episode_has_exactly_as_many_steps_as_fit(time_limit, steps):
     assert len(rollout(load("kitchen", "all", time_limit=time_limit))) == steps + 1
 
 
+@pytest.mark.full
 def test_without_a_time_limit_nothing_ends():
     environment = load("kitchen", "all", time_limit=None)
     environment.reset()
     assert not any(environment.step(np.zeros(9)).last() for _ in range(300))
 
 
+@pytest.mark.full
 def test_action_scale_wraps_the_kitchen():
     plain, scaled = (load("kitchen", "all") for _ in range(2))
     scaled = action_scale.Wrapper(scaled, minimum=-2.0, maximum=2.0)

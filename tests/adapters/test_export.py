@@ -184,6 +184,7 @@ def test_bad_arguments_get_one_line_and_write_nothing(arguments, tmp_path, monke
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "full"]
 
 
+@pytest.mark.full
 def test_a_failure_leaves_nothing(tmp_path, monkeypatch, capsys):
     def fail(root, built, live):
         raise OSError("disk full")

@@ -30,6 +30,7 @@ def env():
     env.close()
 
 
+@pytest.mark.full
 def test_numbers_are_those_of_the_suites_environments(env):
     suite_vector = spec_of(task_name="kettle", max_episode_steps=3).make_vector_env(2, 1, "SameStep")
     observations, infos = env.reset(seed=[5, 6], options=OPTIONS)

@@ -203,6 +203,7 @@ def run_process(run="return", arguments="--num_episodes=9", streams="", folder=N
     return done.returncode, done.stdout, done.stderr
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_interrupts(number):
     run = f"os.kill(os.getpid(), {int(number)}); signal.pause()"
@@ -210,6 +211,7 @@ def test_a_signal_interrupts(number):
 
 
 # Python notices a closed pipe when it flushes: during the work, or after it.
+@pytest.mark.full
 @pytest.mark.parametrize("line", ["'line' * 100_000", "'line'"])
 def test_a_closed_pipe_gets_its_own_status_and_no_traceback(line):
     script = SCRIPT.format(run=f"print({line})")
@@ -220,6 +222,7 @@ def test_a_closed_pipe_gets_its_own_status_and_no_traceback(line):
     assert (done.returncode, done.stderr) == (141, b"")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("arguments", ["", "--help"])
 def test_a_full_stdout_gets_one_line(tmp_path, arguments):
     status, _, err = run_process("print('line')", arguments=arguments, streams=">/dev/full", folder=tmp_path)

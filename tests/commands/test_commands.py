@@ -32,6 +32,7 @@ def test_every_console_script_is_in_the_table():
     assert installed == {"kitchen-suite": commands.console, **{f"kitchen-{name}": find(name) for name in NAMES}}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["kitchen-suite", "kitchen-record"])
 def test_a_console_script_runs_its_command(name):
     script = Path(sysconfig.get_path("scripts")) / name

@@ -31,6 +31,7 @@ def test_tables_are_current(tables, page):
     assert text == tables.with_tables(text), "run: python docs/scripts/tables.py"
 
 
+@pytest.mark.full
 def test_the_observation_table_has_the_59_numbers_in_order(tables):
     rows = [row.split("|")[1].strip() for row in tables.TABLES["observation"]().splitlines()[2:]]
     spans = [[int(end) for end in row.split("-")] for row in rows]

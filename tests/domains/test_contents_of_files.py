@@ -91,6 +91,7 @@ def run(run, folder):
     return run
 
 
+@pytest.mark.full
 def test_an_evaluation_in_a_design_is_verified_where_its_file_is_not(run, file):
     flags = ["--domain_name=kitchens", "--policy=zero", "--num_episodes=1", "--max_episode_steps=3"]
     design = f'--task_kwargs={{"design": "{file}"}}'

@@ -135,6 +135,7 @@ def test_a_domain_needs_six_fields():
         assert rollout.main(["--domain_name=gentle", "--num_episodes=1", "--max_episode_steps=3"]) == 0
 
 
+@pytest.mark.full
 def test_the_environment_classes_of_a_task_are_inherited_and_its_domain_may_name_others():
     fields = {"scene": build_microwave_table_scene, "task": GentleTask, "tasks": {"open": {}}}
     general = names.ANY_ENVIRONMENT

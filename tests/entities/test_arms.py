@@ -49,6 +49,7 @@ def test_the_last_element_of_the_action_closes_and_opens_the_hand(gripper, width
     assert environment.physics.bind(environment.task.robot.joints[6:]).qpos.sum() == pytest.approx(width, abs=0.002)
 
 
+@pytest.mark.full
 def test_the_hand_moves_as_the_action_says():
     environment, _ = load()
     hand = environment.physics.bind(environment.task.robot.end_effector)

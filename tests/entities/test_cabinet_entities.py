@@ -221,6 +221,7 @@ def test_energy_does_not_grow_in_a_closed_idle_scene(physics):
     np.testing.assert_array_equal(data.warning.number, 0)
 
 
+@pytest.mark.full
 def test_visuals_change_no_physics(scene, physics):
     seen = mjcf.Physics.from_mjcf_model(entities.build_open_cabinet_scene(visuals=True).arena.mjcf_model)
     assert seen.model.ngeom > physics.model.ngeom

@@ -29,6 +29,7 @@ def test_a_few_thousand_random_steps(task):
     assert run(task, 4_000, 0) > 100
 
 
+@pytest.mark.full
 def test_gentle_actions_stay_gentle():
     # Small enough for whole episodes, large enough to bump into the cabinet.
     assert run("top_drawer", 4_000, 1, scale=0.03) < 50

@@ -66,6 +66,7 @@ def test_the_end_effector_looks_along_the_fingers_and_spreads_along_y():
     assert (finger - hand) @ frame[:, 2] > 0.05
 
 
+@pytest.mark.full
 def test_the_pandas_limits_and_pads_are_known_without_its_meshes():
     robot = entities.Robot(entities.PANDA, visuals=False)
     physics = mjcf.Physics.from_mjcf_model(robot.mjcf_model)

@@ -42,6 +42,7 @@ def test_the_handle_is_within_reach_and_opens_towards_the_robot(scene, physics):
     assert 0.4 < np.hypot(*opened[:2]) < np.hypot(*handle[:2])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("holds", [True, False])
 def test_robot_and_furniture_do_not_touch_and_stay_at_rest(scene, physics, holds):
     physics.bind(scene.robot.actuators).ctrl = DEFAULT_POSE * holds

@@ -81,6 +81,7 @@ def test_environment_kwargs_are_no_task_kwargs():
         suite.load("kitchen", "all", 3)
 
 
+@pytest.mark.full
 def test_visualize_reward_must_be_a_bool():
     with refused(TypeError, "visualize_reward"):
         suite.load("kitchen", "all", {"visuals": False}, visualize_reward="yes")

@@ -48,6 +48,7 @@ def assert_continues_equally(environment, other, steps=STEPS):
     assert_same(environment.step(actions[0]), other.step(actions[0]))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("quality", [False, True])
 def test_a_copy_has_the_arguments_of_the_environment(quality):
     given = {"render_quality": "fast", "visuals": True, "quality": quality}
@@ -125,6 +126,7 @@ def test_a_copy_of_an_episode_that_has_ended_starts_the_next_one():
     assert_same(environment.step(np.zeros(8)), first)
 
 
+@pytest.mark.full
 def test_copies_are_independent_and_can_be_copied_again():
     environment = load("open_cabinet")
     environment.reset()

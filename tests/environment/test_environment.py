@@ -197,6 +197,7 @@ def environment():
     return Environment(make_task(), random_state=1)
 
 
+@pytest.mark.full
 def test_setting_a_state_returns_the_observation_of_that_moment():
     environment = Environment(make_task(), random_state=1, flat_observation=True)
     environment.reset()

@@ -64,6 +64,7 @@ def test_by_default_the_stream_goes_on():
     assert "next_seed" not in load().get_state()
 
 
+@pytest.mark.full
 def test_it_may_be_an_environment_argument_as_well():
     task = suite.default_task("kitchen")
     environment = suite.load("kitchen", task, {"random": 5, **VARIED}, {"episode_seeds": True})
@@ -118,11 +119,13 @@ def test_a_seed_set_later_is_that_of_the_next_episode():
         np.testing.assert_array_equal(episode, play(load(random=40 + k), len(episode) - 1)[0])
 
 
+@pytest.mark.full
 def test_without_a_seed_one_is_drawn():
     one, other = (play(load(episode_seeds=True, random=None), 0)[0] for _ in range(2))
     assert (one != other).any()
 
 
+@pytest.mark.full
 def test_a_stream_that_a_client_assigned_has_one_episode_and_a_seed_is_the_remedy():
     environment = load(episode_seeds=True)
     # As Shimmy does.
@@ -155,6 +158,7 @@ def test_a_fixed_initial_state_is_refused():
         suite.load("kitchen", "kettle", {"episode_seeds": True}, {"fixed_initial_state": True})
 
 
+@pytest.mark.full
 def test_a_random_state_set_later_is_refused_and_nothing_changes():
     environment, other = load(episode_seeds=True), load(episode_seeds=True)
     with refused(TypeError, "episode_seeds", "RandomState"):
@@ -180,6 +184,7 @@ def test_states_without_a_seed_are_refused_and_nothing_changes(spoil, error):
     np.testing.assert_array_equal(play(environment, 1)[0], play(other, 1)[0])
 
 
+@pytest.mark.full
 def test_an_environment_of_one_stream_refuses_a_state_with_a_next_seed():
     with refused(ValueError, "next_seed"):
         load().set_state(load(episode_seeds=True).get_state())

@@ -123,6 +123,7 @@ def test_the_number_of_control_steps_can_be_limited(run):
     assert steps == ["7", "7"]
 
 
+@pytest.mark.full
 def test_the_task_is_that_of_the_policys_file(run, tmp_path, capsys):
     task_kwargs = {"action_limit": 0.004, "gripper": "deterministic"}
     write_policy(tmp_path / "other.npz", task_name="bottom_drawer", **task_kwargs)

@@ -156,6 +156,7 @@ def test_a_batched_policy_is_evaluated(tmp_path):
     assert evaluation.as_json()["policy"] == f"object {__name__}.of_batch"
 
 
+@pytest.mark.full
 def test_a_recording_of_an_object_is_not_continued_by_another_one(tmp_path):
     kitchen_suite.record(tmp_path / "runs", kitchen(), lambda timestep: np.zeros(9), num_episodes=1)
     with refused(FileExistsError, "runs", "object"):
@@ -197,6 +198,7 @@ def test_a_reference_and_a_path_say_themselves_what_they_are(tmp_path):
         PolicyRef.parse("expert(speed=0.8, speed=2)")
 
 
+@pytest.mark.full
 def test_a_recording_with_a_gap_counts_what_it_has(tmp_path):
     recording = kitchen_suite.record(tmp_path / "runs", kitchen(), "zero", num_episodes=5)
     recording.remove(2)
@@ -204,6 +206,7 @@ def test_a_recording_with_a_gap_counts_what_it_has(tmp_path):
     assert recording.missing(4) == [(2, 2)]
 
 
+@pytest.mark.full
 def test_a_label_of_some_actions_alone_is_refused():
     class Forgetful:
         labels = {"a": 1.0}

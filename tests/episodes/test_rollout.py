@@ -122,6 +122,7 @@ def test_completions_are_listed_with_their_control_steps(run):
     assert "success rate          100% (1 of 1)\nmean tasks completed  7\n" in out
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", brief([7, 2**32 + 7, 10**30], kept=[10**30]))
 def test_the_seed_fixes_the_table_and_the_files(run, seed):
     tables, actions = [], []
@@ -135,6 +136,7 @@ def test_the_seed_fixes_the_table_and_the_files(run, seed):
     np.testing.assert_array_equal(*actions)
 
 
+@pytest.mark.full
 def test_an_episode_is_the_same_alone_as_after_others(run):
     run("--seed=3", "--num_episodes=3", "--output=many", *SHORT)
     run("--seed=5", "--num_episodes=1", "--output=one", *SHORT)
@@ -143,6 +145,7 @@ def test_an_episode_is_the_same_alone_as_after_others(run):
     assert_same_arrays(alone, after)
 
 
+@pytest.mark.full
 def test_the_policy_draws_from_a_stream_of_its_own(run):
     run("--num_episodes=1", "--output=random", *SHORT)
     run("--num_episodes=1", "--output=zero", "--policy=zero", *SHORT)
@@ -235,12 +238,14 @@ def test_completion_steps_are_in_the_file(run):
     assert (arrays["reward"], arrays["termination"], arrays["truncation"]) == (1.0, True, False)
 
 
+@pytest.mark.full
 def test_actions_are_written_as_they_were_applied(run):
     assert run("--output=runs", "--num_episodes=1", "--policy=my_policies:far", *SHORT)[0] == 0
     _, arrays = load_episode("runs/episode_000000.npz")
     np.testing.assert_array_equal(arrays["action"], np.repeat([[1.0], [-1.0]], [1, 4], axis=0).repeat(9, axis=1))
 
 
+@pytest.mark.full
 def test_an_interrupt_keeps_the_finished_episodes(run):
     status, out, err = run("--policy=my_policies:interrupt_second_episode", "--output=runs", *SHORT)
     assert (status, err) == (130, "kitchen-rollout: interrupted\n")

@@ -46,6 +46,7 @@ def test_a_recording_is_the_episode_of_the_environment(tmp_path):
     np.testing.assert_array_equal(arrays["observation/observation"], expected)
 
 
+@pytest.mark.full
 def test_by_default_nothing_is_named(tmp_path):
     assert record.main([*SHORT, f"--output={tmp_path}"]) == 0
     assert "control_timestep" not in (tmp_path / "recording.json").read_text("utf-8")

@@ -64,6 +64,7 @@ def receipts(tmp_path_factory):
     return folder
 
 
+@pytest.mark.full
 def test_wins_losses_and_ties_are_counted_by_episode():
     one = evaluated((TASKS, TASKS, TASKS, TASKS, ("kettle",), ()))
     other = evaluated(((), ("kettle",), TASKS, TASKS, TASKS, ()))
@@ -81,6 +82,7 @@ def test_wins_losses_and_ties_are_counted_by_episode():
     assert record["task_rates"]["microwave"]["losses"] == 1
 
 
+@pytest.mark.full
 def test_a_policy_with_itself_is_all_ties(receipts):
     path = receipts / "random.npz"
     comparison = kitchen_suite.compare(path, path)
@@ -121,6 +123,7 @@ REFUSALS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", REFUSALS)
 def test_what_cannot_be_paired_is_refused_with_what_differs(name):
     arguments, shown = REFUSALS[name]
@@ -377,6 +380,7 @@ def test_a_video_shows_both_policies_with_their_names(receipts, folder):
     assert np.abs(seen[-1, :12] - seen[0, :12]).max() > 100.0
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_the_command_films_the_episodes_that_differ(run, folder, receipts):
     names = [str(receipts / f"{name}.npz") for name in ("random", "zero")]
@@ -386,6 +390,7 @@ def test_the_command_films_the_episodes_that_differ(run, folder, receipts):
     assert not (folder / "both.mp4").exists()
 
 
+@pytest.mark.full
 def test_what_cannot_be_filmed_is_refused_first(run, folder, receipts):
     names = [str(receipts / f"{name}.npz") for name in ("random", "zero")]
     status, out, err = run(compare_command, *names, names[0], "--video=both.mp4")

@@ -82,6 +82,7 @@ def published_lexa(qpos, start, objects):
     return all(reached[name] for name in objects), all(reached.values())
 
 
+@pytest.mark.full
 def test_lexas_scores_are_the_published_ones(states):
     start, others = states[0], states[1:]
     share = COUNT // len(criteria.LEXA_GOALS)

@@ -37,6 +37,7 @@ def read(path):
     return json.loads(path.read_text("utf-8"))
 
 
+@pytest.mark.full
 def test_the_scores_are_printed_and_written(run, tmp_path):
     status, out, err = run("--json=a.json")
     assert (status, err) == (0, "")
@@ -84,6 +85,7 @@ def test_the_scores_are_those_of_single_episodes(run, tmp_path):
     assert result["mean_tasks"] > 2
 
 
+@pytest.mark.full
 def test_a_domain_without_tasks_to_count_has_success_and_progress(run, tmp_path):
     status, out, _ = run("--domain_name=open_cabinet", "--json=a.json", "--num_episodes=2", "--max_episode_steps=2")
     assert status == 0
@@ -143,6 +145,7 @@ def test_conditions_that_are_a_sample_are_scored_together():
     assert "fast physics, variations none: 4 episodes of each condition" in tables.format_heading(plan)
 
 
+@pytest.mark.full
 def test_diverged_episodes_count_as_failures_and_are_named(run, tmp_path, monkeypatch):
     step, count = vector_base.SuiteVectorEnv.step_some, 0
 
@@ -356,6 +359,7 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, tmp_path, arguments):
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.full
 def test_a_policy_that_fails_ends_in_one_line(run, tmp_path):
     (tmp_path / "faulty.py").write_text("def act(timestep):\n    return [0.0]\n")
     sys.modules.pop("faulty", None)
@@ -366,6 +370,7 @@ def test_a_policy_that_fails_ends_in_one_line(run, tmp_path):
     )
 
 
+@pytest.mark.full
 def test_a_folder_that_is_full_ends_in_one_line(run, tmp_path, monkeypatch):
     def refuse(self, result):
         raise OSError(28, "No space left on device", "runs/episodes.jsonl")

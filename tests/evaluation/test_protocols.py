@@ -406,6 +406,7 @@ def test_what_is_given_replaces_the_protocols_values():
     assert (made.first.seed, made.num_episodes, made.first.max_episode_steps) == (7, 3, 40)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("task", "score"), [("partial", 100.0), ("kettle", None)])
 def test_one_task_replaces_all_conditions_and_keeps_the_score_of_its_own_sets(task, score):
     made = plan(protocol="d4rl", task_name=task)
@@ -505,6 +506,7 @@ def test_recorded_actions_lead_to_the_goal(dataset):
     assert np.mean(reached) >= 0.5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("settings", "shown"),
     [

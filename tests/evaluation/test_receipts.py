@@ -495,6 +495,7 @@ def test_what_makes_no_sense_is_refused_in_one_line(run, opened, tmp_path, kind)
     assert "\x1b" not in out + err
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("part", ["checks", "last"])
 def test_every_array_is_compared(run, opened, tmp_path, part):
     arrays, metadata = opened
@@ -522,6 +523,7 @@ def test_conditions_keep_their_names(run, tmp_path):
     assert "'partial' is no condition of protocol 'd4rl' with the task 'complete'" in err
 
 
+@pytest.mark.full
 def test_an_episode_that_goes_on_is_not_played_to_its_end(run, short, tmp_path):
     """Of episodes with 12 actions, under a limit of 100,000 control steps."""
     evaluation = copy.deepcopy(short.evaluation)

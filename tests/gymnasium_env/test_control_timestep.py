@@ -78,6 +78,7 @@ def test_limits_are_of_as_many_steps_or_of_the_seconds_that_are_given(domain):
     assert [env.step(action)[3] for action in actions_of(env, 4)] == [False, False, False, True]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", ["kitchen", "kitchens"])
 def test_targets_of_velocities_follow(domain):
     env = make(domain, feedback="true").unwrapped
@@ -100,6 +101,7 @@ def test_the_greatest_distance_of_position_targets_follows():
     np.testing.assert_allclose(env.environment.physics.bind(robot.actuators).ctrl, expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_the_same_commanded_motion_takes_the_same_time(domain):
     # Joint speeds of 0.5 rad/s for 0.4 s, whatever the control step.
@@ -250,6 +252,7 @@ def test_composers_own_number_of_substeps_is_refused_beside_it():
         load("kitchen", {"n_sub_steps": 10})
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_the_expert_says_that_it_acts_at_the_default_and_leaving_it_out_helps(domain):
     with refused(ValueError, f"{STEPS[domain][1]:g} s", f"{STEPS[domain][2]:g} s", "leave out control_timestep"):

@@ -84,6 +84,7 @@ def test_copies_count_on(copied, seed):
     assert env.np_random_seed == other.np_random_seed == seed + 2
 
 
+@pytest.mark.full
 def test_a_state_counts_on_and_a_seed_beside_it_counts_from_that():
     env, other = make(), make()
     play(env, 3, seed=7)
@@ -130,6 +131,7 @@ def test_a_refused_reset_does_not_count():
     assert_same(env.reset(), make().reset(seed=4))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_gymnasiums_checker_is_content(domain):

@@ -28,6 +28,7 @@ def holds_goals(space):
     return isinstance(space, spaces.Dict) and {"achieved_goal", "desired_goal"} <= space.spaces.keys()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("domain", "obs_type"),
     brief(CASES, [case for case in CASES if case[0] == "kitchen" or "pixels" not in case[1]]),
@@ -47,6 +48,7 @@ def test_single_and_vectorised_environments_are_goal_environments_where_goals_ar
     wrapped.close()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("obs_type", ["goal", "state"])
 def test_copies_have_the_same_methods(obs_type, copied):

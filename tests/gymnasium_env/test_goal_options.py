@@ -58,6 +58,7 @@ def test_without_observed_goals_the_goal_has_all_tasks_done():
     environment.close()
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_the_picture_of_the_goal_is_that_of_a_kitchen_there_and_leaves_nothing_behind():
     arguments = {"tasks_per_episode": 1, "goal_states": 1, "render_mode": "rgb_array", "width": 64, "height": 64}

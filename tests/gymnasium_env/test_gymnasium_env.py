@@ -112,6 +112,7 @@ def test_the_suites_observation_follows_from_the_adapters(goal_format):
         observation, timestep = env.step(action)[0], plain.step(action)
 
 
+@pytest.mark.full
 def test_infos_are_fresh_at_every_step():
     env = FrankaKitchenEnv(**EASY, terminate_on_tasks_completed=False)
     env.reset(seed=0)
@@ -313,6 +314,7 @@ def test_a_copy_draws_from_whatever_generator_the_original_was_given(bit_generat
     assert_same(copy.deepcopy(env).step(np.zeros(9)), env.step(np.zeros(9)))
 
 
+@pytest.mark.full
 def test_a_copy_is_built_from_the_arguments_as_they_were():
     tasks, goals = ["kettle"], {"kettle": np.arange(7.0)}
     env = FrankaKitchenEnv(tasks, goals=goals)

@@ -62,6 +62,7 @@ def test_every_step_of_an_episode_is_the_originals(arguments, seed):
             completed_before = here[4]["episode_task_completions"]
 
 
+@pytest.mark.full
 def test_the_combinations_complete_a_task_on_the_way():
     ours = FrankaKitchenEnv()
     ours.reset(seed=3)
@@ -69,6 +70,7 @@ def test_the_combinations_complete_a_task_on_the_way():
     assert 1 < infos[-1]["completion_steps"].max() < STEPS
 
 
+@pytest.mark.full
 def test_the_stream_goes_on_through_resets_without_a_seed():
     ours = FrankaKitchenEnv()
     with original_environment() as original:
@@ -78,6 +80,7 @@ def test_the_stream_goes_on_through_resets_without_a_seed():
                 assert_observations_equal(ours.step(action)[0], original.step(action)[0])
 
 
+@pytest.mark.full
 def test_spaces_are_the_originals_but_for_float32_actions():
     ours = FrankaKitchenEnv(tasks_to_complete=["kettle", "light switch"])
     with original_environment(tasks_to_complete=["kettle", "light switch"]) as original:

@@ -48,6 +48,7 @@ def test_lerobots_names_are_read_by_call_and_get_attr(domain, mode):
     assert environments.call("_max_episode_steps") == (7, 7)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "error", "shown"),
     [
@@ -88,6 +89,7 @@ def test_infos_of_many_have_the_sentence_of_each_in_every_domain(domain):
         assert asked.keys() == default.keys()
 
 
+@pytest.mark.full
 def test_every_kitchen_states_its_own_task():
     settings = {"design": [0, 1, 2], "verbs": ["open", "close"]}
     environments = vector(IDS["kitchens"], 3, instructions=True, autoreset_mode="SameStep", **settings)
@@ -97,6 +99,7 @@ def test_every_kitchen_states_its_own_task():
     assert single.reset(seed=1)[1]["instruction"] == infos["instruction"][1]
 
 
+@pytest.mark.full
 def test_infos_of_many_have_the_sentence_of_each():
     environments = vector(KITCHEN_ID, instructions=True, **PAIR)
     *_, infos = environments.reset(seed=1)

@@ -49,6 +49,7 @@ def test_the_id_is_ours_without_a_warning_in_any_order(imports):
     assert not [line for line in result.stderr.splitlines() if "Adroit" not in line]
 
 
+@pytest.mark.full
 def test_importing_it_prints_nothing():
     result = run(OURS, "-W", "error", "-W", "ignore:.*DISPLAY.*")
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
@@ -62,6 +63,7 @@ def test_the_other_ids_of_gymnasium_robotics_stay_its_own():
     assert all(entry_point.startswith("gymnasium_robotics") for entry_point in entry_points)
 
 
+@pytest.mark.full
 def test_the_id_takes_the_originals_arguments():
     arguments = {
         "tasks_to_complete": ["kettle", "light switch"],

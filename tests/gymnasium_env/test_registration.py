@@ -51,6 +51,7 @@ def test_the_pages_of_the_domains_list_every_id():
     assert listed == {*gymnasium_env.IDS.values(), *gymnasium_env.TASK_IDS.values()}
 
 
+@pytest.mark.full
 def test_the_table_of_domains_agrees_with_the_tasks():
     kitchen, cabinet = suite.DOMAINS["kitchen"], suite.DOMAINS["open_cabinet"]
     assert kitchen.tasks["all"] == {"tasks_to_complete": DEFAULT_TASKS}

@@ -65,6 +65,7 @@ def test_results_keep_no_password(text, kept):
     assert reference.options["address"] in text
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", [np.int8(3), np.uint64(3), np.int32(3), 3])
 def test_seeds_may_be_integers_of_numpy(seed):
     single = gymnasium.make("KitchenSuite/FrankaMicrowaveTable-v1")

@@ -124,6 +124,7 @@ NOISE = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("mode", "noise"), brief(NOISE.items(), kept=[("ee_pose", NOISE["ee_pose"])]))
 def test_motion_styles_hold_in_every_mode(mode, noise):
     policy = f"expert(speed=0.9, action_noise={noise[0]}, jitter=0.01)"
@@ -142,6 +143,7 @@ def run(environment, expert, observe):
     return info["is_success"]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", brief(KITCHEN_MODES, kept=["joint_position", "ee_delta_pose"]))
 def test_observations_alone_are_enough_in_the_kitchen(mode):
     environment = FrankaKitchenEnv(tasks_to_complete=["light switch"], max_episode_steps=280, control_mode=mode)
@@ -149,6 +151,7 @@ def test_observations_alone_are_enough_in_the_kitchen(mode):
     assert run(environment, expert, lambda observation: observation["observation"])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", brief(CABINET_MODES, kept=["ee_pose"]))
 def test_observations_alone_are_enough_at_the_cabinet(mode):
     environment = FrankaOpenCabinetEnv(drawer="top", max_episode_steps=700, control_mode=mode)

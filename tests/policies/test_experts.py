@@ -68,6 +68,7 @@ def test_every_task_of_the_kitchen_is_completed_under_its_noise(load, task_name,
     assert env.task.episode_metrics["success"], env.task.episode_metrics
 
 
+@pytest.mark.full
 def test_in_order_keeps_the_given_order(load):
     tasks = ("light switch", "kettle", "microwave", "slide cabinet")
     env = load("all", tasks_to_complete=tasks)
@@ -151,6 +152,7 @@ def test_a_seed_fixes_all_actions_and_an_instance_serves_many_episodes(load):
     np.testing.assert_array_equal(first, episode(env, experts.make(env.task, style=style), 7)[1])
 
 
+@pytest.mark.full
 def test_actions_are_single_precision_and_within_bounds(load):
     _, actions = episode(
         load("microwave"), experts.KitchenExpert(["microwave"], style=experts.MotionStyle(action_noise=1)), 0
@@ -182,6 +184,7 @@ def test_a_motion_style_changes_the_actions_and_still_succeeds(load, style):
         assert max(styled.values()) > max(plain.values()) / style.speed * 0.9
 
 
+@pytest.mark.full
 def test_a_tighter_threshold_moves_objects_farther(load):
     env = load("all", terminate_on_tasks_completed=False, time_limit=24.0)
     completed, _ = episode(env, experts.KitchenExpert(DEFAULT_TASKS, threshold=0.15), 2)
@@ -239,6 +242,7 @@ def test_observations_of_other_shapes_are_accepted(environment_kwargs):
     assert env.task.episode_metrics["success"]
 
 
+@pytest.mark.full
 def test_all_planned_poses_can_be_reached():
     for task in DEFAULT_TASKS:
         skill = SKILLS[task]
@@ -277,6 +281,7 @@ def test_bad_options_are_rejected(message):
         REJECTED[message]()
 
 
+@pytest.mark.full
 def test_the_command_line_knows_the_expert(capsys):
     assert rollout.main(["--policy=expert", "--task_name=kettle", "--num_episodes=1"]) == 0
     assert "success rate          100% (1 of 1)" in capsys.readouterr().out

@@ -43,6 +43,7 @@ def test_the_policy_opens_the_drawer(drawer, seed):
     assert len(actions) == 700
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("drawer", brief(DRAWERS, kept=["bottom"]))
 def test_the_flat_observation_alone_is_enough_to_open_it(drawer):
     env, expert = FrankaOpenCabinetEnv(drawer=drawer, max_episode_steps=700), experts.DrawerExpert(drawer)
@@ -78,6 +79,7 @@ def test_a_seed_fixes_all_actions_at_the_cabinet():
     assert not np.array_equal(first, other)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", brief([208, 209, 210], kept=[208]))
 def test_a_displaced_handle_is_found_under_observation_noise(seed):
     env = load(

@@ -212,6 +212,7 @@ def test_a_policy_acts_in_tasks_that_ask_for_some_of_its_own_and_in_no_others():
         positions.check_fits(kitchen("all").task)
 
 
+@pytest.mark.full
 def test_a_policy_may_take_some_elements_of_the_state():
     elements = [*range(58), 60]
     policy = make(state_elements=elements)
@@ -256,6 +257,7 @@ def test_a_policy_finds_its_extra_observables_among_those_of_a_task(extras, monk
     assert policy.missing_observables(environment.task) == []
 
 
+@pytest.mark.full
 def test_a_policy_must_observe_its_extra_observables_where_layouts_vary():
     task = kitchen("kettle", variations="layout", extra_observables=["microwave/pose"]).task
     assert observing().missing_observables(task) == ["franka/base_pose"]
@@ -284,6 +286,7 @@ def make_nine_actions(policy):
     return ClonedPolicy(scales=changed, network=smaller, metadata=policy.metadata)
 
 
+@pytest.mark.full
 def test_the_commands_play_such_policies(tmp_path, capsys):
     make().save(tmp_path / "policy.npz")
     path = str(tmp_path / "policy.npz")

@@ -22,12 +22,14 @@ def trajectory(mode: str, **kwargs) -> np.ndarray:
     return np.array(states)
 
 
+@pytest.mark.full
 def test_a_policy_of_joint_velocity_acts_in_joint_position_as_in_its_own_mode():
     velocity, position = trajectory("joint_velocity"), trajectory("joint_position")
     assert np.ptp(velocity, axis=0).max() > 0.1
     np.testing.assert_array_equal(position, velocity)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", sorted(set(CONTROL_MODES) - {"joint_velocity", "joint_position"}))
 def test_in_other_modes_it_is_refused(mode):
     with pytest.raises(policies.PolicyError, match=f"acts in control mode 'joint_velocity', not '{mode}'|maps"):

@@ -283,6 +283,7 @@ def example(port):
         server.wait()
 
 
+@pytest.mark.full
 def test_the_example_is_short_and_brakes_the_arm(example, run):
     status, output, _ = run(rollout, f"--policy={example}", "--num_episodes=1", "--max_episode_steps=12")
     assert (status, f"policy {example}" in output) == (0, True)

@@ -35,6 +35,7 @@ def angle(one, other):
     return 2 * np.arccos(min(1.0, abs(one @ other)))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("domain", "mode"), brief(MODES, QUICK))
 def test_the_hand_goes_where_it_is_told_to(domain, mode):
     environment, policy, timestep = started(domain, control_mode=mode)
@@ -89,6 +90,7 @@ def test_commands_stay_near_the_hand():
     assert np.linalg.norm(policy.arm.command[0] - policy.arm.hand[0]) == pytest.approx(0.15)
 
 
+@pytest.mark.full
 def test_the_fingers_close_and_open():
     environment, policy, timestep = started()
     widths = []

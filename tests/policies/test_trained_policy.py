@@ -258,6 +258,7 @@ def acting(path, environment):
     return policies.find(f"trained(file={str(path)!r})")(environment, np.random.default_rng(0))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_dm_env_and_gymnasium_observations_are_flattened_alike(domain):
     name, settings = IDS[domain]
@@ -369,6 +370,7 @@ def test_a_file_of_another_digest_is_a_policy_error(tmp_path):
         policies.find(name, digest=digest)(environment, np.random.default_rng(0))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("options", ["file=3", "speed=1", "file='nothing.npz'"])
 def test_bad_options_and_files_are_policy_errors(options):
     with refused(policies.PolicyError, "trained("):

@@ -72,6 +72,7 @@ def test_all_twenty_tasks_are_in_its_greatest_repertoire(kitchen):
     assert drawn == {*GOALS} - {*REVERSES}
 
 
+@pytest.mark.full
 def test_the_last_of_the_tasks_asked_for_is_spared(kitchen):
     asked = kitchen.task.mdp.goals.tasks
     chosen, _ = attempts(kitchen, 270, repertoire=asked, spare_last=True)
@@ -80,6 +81,7 @@ def test_the_last_of_the_tasks_asked_for_is_spared(kitchen):
     assert len(kitchen.task.episode_task_completions) == len(asked) - 1
 
 
+@pytest.mark.full
 def test_directed_episodes_do_what_is_asked_for_and_no_more(kitchen):
     asked = kitchen.task.mdp.goals.tasks
     chosen, _ = attempts(kitchen, 250, directed=1.0)
@@ -109,6 +111,7 @@ def test_one_action_in_some_is_uniform():
     assert 15 <= changed <= 45
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("criterion", [{"success": "strict"}, {"threshold": 0.1}, {"threshold": {"kettle": 0.05}}])
 def test_tasks_are_complete_as_the_environment_has_it(criterion):
     environment = suite.load("kitchen", "mixed", {"visuals": False, **criterion})

@@ -226,6 +226,7 @@ def test_an_empty_mujoco_gl_is_an_unset_one(headless, monkeypatch):
         environment.physics.render()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("value", ["off", "disable"])
 def test_rendering_that_was_switched_off_is_no_missing_library(headless, monkeypatch, value):
     environment = make("suite")

@@ -43,6 +43,7 @@ def test_fast_images_show_the_same_scene_in_every_renderer():
         each.close()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", brief(TASKS, kept=["open_cabinet"]))
 def test_the_quality_does_not_change_trajectories(domain, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

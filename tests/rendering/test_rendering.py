@@ -84,6 +84,7 @@ def test_scenes_are_kept_between_images_until_the_context_is_freed(physics, monk
     assert len(made) == 3
 
 
+@pytest.mark.full
 def test_a_scene_callback_still_adds_geoms(physics):
     def add(physics, scene):
         scene.ngeom = 0

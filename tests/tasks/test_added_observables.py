@@ -68,6 +68,7 @@ def sensors_of(scene):
     return [each for each in root.sensor.all_children() if each.tag in ("framelinvel", "frameangvel")]
 
 
+@pytest.mark.full
 def test_a_scene_has_no_sensors_that_nobody_asked_for():
     assert load("kitchen", visuals=False).physics.model.nsensor == 0
     assert load("kitchen", visuals=False, extra_observables=["franka/gripper_width"]).physics.model.nsensor == 2
@@ -114,6 +115,7 @@ def test_cameras_are_observables_of_composer(domain):
     environment.close()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("options", "shown"),
     {

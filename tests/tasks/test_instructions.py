@@ -26,6 +26,7 @@ def own_task(**attributes):
     return type("OwnTask", (MicrowaveTableTask,), attributes)(build_microwave_table_scene(visuals=False))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("domain", "name"),
     brief(suite.ALL_TASKS, kept=[("kitchen", "kettle"), ("kitchen", "all"), *_OTHERS]),

@@ -206,6 +206,7 @@ def _subtree(model, root):
     return found
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("count", [60, pytest.param(1_000, marks=pytest.mark.full)])
 def test_forces_are_those_of_single_contacts_summed_by_hand(count):
     """In random states, of which as many have contacts, one physics step after each."""
@@ -287,6 +288,7 @@ def test_an_object_is_disturbed_beyond_its_tolerance_unless_it_is_asked_for(doma
         assert count == (not is_asked)
 
 
+@pytest.mark.full
 def test_what_has_been_disturbed_stays_so_and_has_a_name():
     environment = load("kitchen")
     environment.reset()

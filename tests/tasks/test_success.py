@@ -77,6 +77,7 @@ def test_the_kettles_tilt_is_the_angle_between_verticals_whatever_the_length_of_
     np.testing.assert_allclose(strict("kettle").ratios(poses)[:, 0], chords / (2.0 * np.sin(0.1)), rtol=1e-9)
 
 
+@pytest.mark.full
 def test_a_kettle_among_other_tasks_is_judged_as_alone():
     success = load(["kettle", "microwave"], success="strict").task.mdp.success
     goal = np.array([*KETTLE, *GOALS["microwave"].value])
@@ -142,6 +143,7 @@ def test_types_of_joints_are_those_of_the_compiled_model():
         assert [("free", "ball", "slide", "hinge")[number] for number in numbers] == joint_types(joints)
 
 
+@pytest.mark.full
 def test_thresholds_may_differ_by_task():
     environment = load(["microwave", "kettle"], threshold={"kettle": 9.0})
     environment.reset()
@@ -152,6 +154,7 @@ def test_thresholds_may_differ_by_task():
     assert load(["kettle"], success="strict").task.threshold is None
 
 
+@pytest.mark.full
 def test_success_is_strict_where_a_file_says_so():
     assert load(["kettle"], **json.loads('{"success": "strict"}')).task.threshold is None
 
@@ -170,6 +173,7 @@ def test_gymnasium_decides_as_the_task_does():
     assert env.compute_reward(near, near, {}) == 2.0
 
 
+@pytest.mark.full
 def test_recordings_show_what_was_reached():
     task = load(["microwave"], success="strict").task
     arrays = {"observation/achieved_goal": np.array([[0.0], [-0.6], [-0.74]])}
@@ -180,6 +184,7 @@ def test_recordings_show_what_was_reached():
     assert by_distance[1].tolist() == [[False], [True]]
 
 
+@pytest.mark.full
 def test_no_asked_task_starts_within_a_widened_tolerance():
     for angle, start in ((-0.25, 0.0), (-0.22, -0.22)):
         options = {"goals": {"microwave": [-0.3]}, "variations": {"microwave/door": angle}}

@@ -33,6 +33,7 @@ def test_control_steps_are_as_long_and_physics_steps_are_longer(domain, steps):
     assert fast.observation_spec() == exact.observation_spec()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("task", brief(TASKS, TASKS[:1], full=TASKS))
 def test_the_expert_succeeds_in_about_as_many_steps(task):
     steps = []
@@ -80,6 +81,7 @@ def test_vectorised_environments_equal_single_ones_to_the_bit(domain, autoreset,
     assert sum(assert_equal_for_ever(ours, theirs, walk(env.environment.action_spec(), 24, COUNT))) >= 2
 
 
+@pytest.mark.full
 def test_a_state_is_restored_in_the_middle_of_an_episode_with_another_layout():
     first, second = (load(physics="fast", **LAYOUT) for _ in range(2))
     actions = np.random.default_rng(0).uniform(-1, 1, (40, 9))
@@ -140,6 +142,7 @@ def test_sleep_beside_it_is_refused(sleep):
         load(physics="fast", sleep=sleep)
 
 
+@pytest.mark.full
 def test_a_scene_without_it_says_so():
     with pytest.raises(ValueError, match="no physics 'fast'"):
         load("open_cabinet", physics="fast")

@@ -39,6 +39,7 @@ def test_every_control_mode(domain, mode):
     assert sum(assert_equal_for_ever(ours, theirs, actions_for(domain, mode))) >= 3
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("domain", "autoreset"),
     brief(itertools.product(("kitchen", "open_cabinet"), MODES), kept=[("open_cabinet", "SameStep")]),

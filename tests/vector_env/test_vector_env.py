@@ -95,6 +95,7 @@ def test_environment_i_of_seed_s_is_the_single_one_of_seed_s_plus_i(env_id):
     assert_are_parts(env, singles, actions_for(env, 2, seed=2))
 
 
+@pytest.mark.full
 @both
 def test_the_same_seed_gives_the_same_episodes_and_none_gives_others(env_id):
     env = many(env_id, **DRAWN[env_id])
@@ -125,6 +126,7 @@ def test_without_seeds_no_two_environments_are_alike(env_id):
     assert [*one.np_random_seed, *other.np_random_seed] == seeds
 
 
+@pytest.mark.full
 def test_a_seed_beside_a_mask_reaches_only_what_is_reset():
     env, twin = (many(KITCHEN_ID, 3) for _ in range(2))
     env.reset(seed=0)
@@ -164,6 +166,7 @@ def test_make_vec_works_by_itself_in_a_fresh_process_and_again_from_its_spec():
     assert done.stdout == f"FrankaOpenCabinetVectorEnv({OPEN_CABINET_ID}, {task}, num_envs=3) True\n"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("env_id", "settings", "steps"),
     [(KITCHEN_ID, {}, 280), (OPEN_CABINET_ID, {}, 700), (OPEN_CABINET_ID, {"max_episode_steps": 7}, 7)],
@@ -187,12 +190,14 @@ def test_direct_construction_truncates_only_where_it_is_told_to(settings):
     assert [bool(env.step(np.zeros((1, 8)))[3]) for _ in range(4)] == [False, True, False, False]
 
 
+@pytest.mark.full
 def test_minus_one_lifts_the_limit_as_it_does_for_make():
     for env in (gymnasiums_own(OPEN_CABINET_ID, max_episode_steps=-1), many(OPEN_CABINET_ID, max_episode_steps=-1)):
         env.reset(seed=0)
         assert not any(env.step(np.zeros((2, 8)))[3].any() for _ in range(710))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("env_id", "wrapper", "mode"),
     [
@@ -229,6 +234,7 @@ def test_episode_statistics_start_anew_where_a_mask_resets():
     assert (info["_episode"].tolist(), info["episode"]["l"].tolist()) == ([False, True], [0, 2])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("env_id", "mode"),
     brief(

@@ -83,6 +83,7 @@ def test_goal_methods_are_called_for_every_environment_as_by_gymnasiums_own():
     own.close()
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 def test_render_is_called_as_gymnasiums_own():
     shown = gymnasium.make_vec(ENV_ID, 2, num_threads=1, render_mode="rgb_array", width=32, height=24)

@@ -83,6 +83,7 @@ def test_a_reset_asks_for_given_tasks_in_some_environments():
     assert envs.instruction[0] == "move the kettle to the top left burner, then open the microwave door"
 
 
+@pytest.mark.full
 def test_weights_of_the_template_are_those_of_later_episodes():
     envs = make(max_episode_steps=2, tasks_per_episode=1, info_format="arrays")
     envs.reset(seed=0)

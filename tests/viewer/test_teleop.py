@@ -143,6 +143,7 @@ def test_time_goes_on_while_the_hand_turns():
     assert np.linalg.norm((turned @ mink.SO3(found).inverse()).log()) < 0.1
 
 
+@pytest.mark.full
 def test_a_person_takes_over_from_policies_of_time_steps_alone(monkeypatch):
     module = types.ModuleType("watching")
     module.act = lambda observation: np.zeros(9)
@@ -260,6 +261,7 @@ def test_of_two_that_save_one_seed_none_overwrites_the_other(tmp_path):
     assert replay.main([str(tmp_path / "mine")]) == 0
 
 
+@pytest.mark.full
 def test_a_full_disk_loses_nothing(tmp_path):
     episode = started(seed=5)
     mine = Collection(tmp_path / "mine", episode.spec)

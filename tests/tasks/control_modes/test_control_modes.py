@@ -145,6 +145,7 @@ def test_joint_commands_stay_near_their_joints(sign):
     assert farthest > 0.29
 
 
+@pytest.mark.full
 def test_the_orientation_of_the_reset_is_held():
     """Also after the hand has been turned further than a commanded orientation may be away."""
     environment = load("kitchen", "ee_delta_position")

@@ -94,6 +94,7 @@ def test_a_trained_policy_is_named_by_what_it_is_asked_for(task, arguments, name
     assert load(task, **arguments).task.policy_inputs.names == (name,)
 
 
+@pytest.mark.full
 def test_fewer_slots_are_the_first_ones():
     full, few = load("any_2"), load("any_2", num_slots=2)
     observed = []

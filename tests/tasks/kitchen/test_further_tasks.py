@@ -194,6 +194,7 @@ def test_variations_of_the_layout_can_be_drawn(task):
         np.testing.assert_array_equal(environment.physics.data.qpos[columns(environment, task)], before)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("task", brief(FURTHER, kept=["turn off bottom burner"]))
 def test_what_is_done_at_the_start_never_touches_the_joints_of_asked_tasks(task):
     plain, varied = load(task), load(task, variations=DONE)

@@ -25,6 +25,7 @@ def wanted(count=2):
     return goals
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("obs_type", ["goal", "state", "environment_state_agent_pos"])
 def test_goal_states_are_observed_before_requests(obs_type):
     env = FrankaKitchenEnv(tasks_per_episode=2, goal_states=2, obs_type=obs_type)
@@ -105,6 +106,7 @@ def test_states_and_copies_keep_them():
         FrankaKitchenEnv(tasks_per_episode=2, goal_states=1).set_state(state)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "mode", [AutoresetMode.SAME_STEP, pytest.param(AutoresetMode.DISABLED, marks=pytest.mark.full)]
 )
@@ -128,6 +130,7 @@ def test_vectorised_kitchens_have_their_own(mode):
     np.testing.assert_array_equal(again["goal_states"][1:], observations["goal_states"][1:])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("options", "error", "shown"),
     [

@@ -94,6 +94,7 @@ def test_the_experts_climb_the_potential_and_finishing_earns_more_than_standing_
         assert play(gain, STEPS, still, seed)[0].sum() < 0.05
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("reward", ["dense", "dense_gain"])
 def test_the_terms_sum_to_the_reward_and_are_zero_before_the_first_step(reward):
     env = make(["kettle", "microwave"], reward)
@@ -160,6 +161,7 @@ def test_only_the_dense_reward_goes_on_after_completion_unless_told_otherwise(re
         assert env.step(np.zeros(9))[2] == expected
 
 
+@pytest.mark.full
 def test_the_default_adds_nothing():
     plain, dense = FrankaKitchenEnv(["kettle"]), FrankaKitchenEnv(["kettle"], reward="dense")
     infos, others = plain.reset(seed=0)[1], dense.reset(seed=0)[1]
@@ -199,6 +201,7 @@ def test_the_reward_is_part_of_the_policys_name():
     assert names == {"sparse": "kettle", "dense": "kettle_dense", "dense_gain": "kettle_dense_gain"}
 
 
+@pytest.mark.full
 def test_a_term_of_ones_own_does_not_replace_one_of_the_reward(monkeypatch):
     monkeypatch.setattr(KitchenTask, "extra_rewards", {"completion": lambda step: np.zeros(())})
     for reward in REWARDS:
@@ -257,6 +260,7 @@ class TestComputeReward:
         assert env.compute_reward(np.array([1e200]), np.array([-1e200]), info) < 0.01
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("settings", "error", "shown"),
     [

@@ -101,6 +101,7 @@ def test_metrics_are_read_from_infos():
     }
 
 
+@pytest.mark.full
 def test_the_objects_must_be_in_the_order_of_the_observation():
     environment = load()
     scene = environment.task.scene
@@ -123,6 +124,7 @@ def test_a_goal_can_be_overridden_and_is_seen():
     np.testing.assert_array_equal(environment.reset().observation["desired_goal/kettle"], np.arange(7.0))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("threshold", [0.7, 0.8])
 def test_the_threshold_decides(threshold):
     reward = run(load("microwave", threshold=threshold), 1)[1].reward

@@ -38,6 +38,7 @@ def test_the_limit_counts_from_the_last_completion():
         assert env.compute_terminated(*goals, info) == terminated
 
 
+@pytest.mark.full
 def test_the_limit_counts_from_the_reset_where_nothing_is_completed():
     env = limited()
     for _ in range(2):
@@ -69,6 +70,7 @@ def test_of_dm_control_the_last_step_has_discount_1():
         assert not environment.task.truncates
 
 
+@pytest.mark.full
 def test_a_saved_state_keeps_the_count():
     env = limited()
     for _ in range(2):

@@ -175,6 +175,7 @@ def test_copies_and_states_continue_with_the_same_tasks_and_draws():
     assert all(outcome == outcomes[0] for outcome in outcomes)
 
 
+@pytest.mark.full
 def test_bad_states_are_refused():
     env = FrankaKitchenEnv(tasks_per_episode=2)
     env.reset(seed=0)
@@ -228,6 +229,7 @@ def test_bad_numbers_of_tasks_are_refused(value, error, shown):
         FrankaKitchenEnv(tasks_per_episode=value)
 
 
+@pytest.mark.full
 def test_bad_requests_and_weights_are_refused():
     env = FrankaKitchenEnv(tasks_per_episode=2)
     env.reset(seed=0)
@@ -254,6 +256,7 @@ def test_bad_requests_and_weights_are_refused():
             env.environment.task.task_weights = weights
 
 
+@pytest.mark.full
 def test_without_draws_nothing_is_added_and_requests_are_refused():
     env = FrankaKitchenEnv()
     observation, info = env.reset(seed=0)
@@ -265,6 +268,7 @@ def test_without_draws_nothing_is_added_and_requests_are_refused():
         env.environment.task.task_weights = np.ones(7)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("arguments", "key"),
     [

@@ -81,6 +81,7 @@ def test_sleeping_kitchens_can_be_vectorised_and_start_awake_again():
         np.testing.assert_array_equal(seen["observation"][0], expected["observation"])
 
 
+@pytest.mark.full
 def test_sleep_must_be_a_bool():
     with pytest.raises(TypeError, match="sleep must be True or False, got 1"):
         load(sleep=1)

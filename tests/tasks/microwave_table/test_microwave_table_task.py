@@ -131,6 +131,7 @@ def test_same_step_and_masked_resets_equal_next_step():
         np.testing.assert_array_equal(start, results[0][1])
 
 
+@pytest.mark.full
 def test_a_state_continues_to_the_bit():
     one, other = gymnasium.make(ENV_ID), gymnasium.make(ENV_ID)
     one.reset(seed=3)

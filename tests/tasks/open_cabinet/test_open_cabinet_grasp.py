@@ -23,6 +23,7 @@ def test_a_grasp_pulls_the_top_drawer_open():
     assert env.task.is_success
 
 
+@pytest.mark.full
 def test_a_grasp_pulls_the_bottom_drawer_open():
     env = suite.load("open_cabinet", "bottom_drawer", {"random": 0, "visuals": False})
     openings = [expert_episode(env)[0] for _ in range(3)]
@@ -35,6 +36,7 @@ def test_fifty_random_starts():
     assert opened_and_held(env, 50) >= 49
 
 
+@pytest.mark.full
 def test_the_same_actions_with_an_open_gripper_open_nothing():
     closing, opening = (suite.load("open_cabinet", "top_drawer", {"random": 0, "visuals": False}) for _ in range(2))
     _, _, actions = expert_episode(closing)

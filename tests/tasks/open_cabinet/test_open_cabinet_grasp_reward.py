@@ -221,6 +221,7 @@ def test_vectorised_and_single_environments_have_equal_rewards():
             assert all(infos[f"reward/{name}"][i] == info[f"reward/{name}"] for name in TERMS)
 
 
+@pytest.mark.full
 def test_the_original_reward_is_the_default():
     rewards = []
     for options in ({}, {"reward": "original"}, {"reward": "grasp"}):

@@ -30,6 +30,7 @@ def test_a_bad_state_is_refused_before_anything_changes(change, error):
     assert task.get_state()["terminates"] is False
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("variations", [None, open_cabinet.VARIED])
 def test_an_environment_goes_on_from_anothers_state(variations):
     one, other = (load(random=seed, variations=variations) for seed in (1, 2))

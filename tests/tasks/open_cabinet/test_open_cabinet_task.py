@@ -179,6 +179,7 @@ def test_reaching_through_the_handle_ends_the_episode():
     assert env.step(np.zeros(8)).first()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("joint", range(9))
 def test_a_joint_that_moves_too_fast_ends_the_episode(joint):
     env = load()

@@ -39,6 +39,7 @@ def test_without_variations_only_the_robots_pose_is_drawn():
     assert len(starts) == 1
 
 
+@pytest.mark.full
 def test_resets_draw_the_scene_anew():
     env = load(variations=VARIED)
     starts = np.array([scene_state(env) for _ in range(200)])
@@ -136,6 +137,7 @@ def test_a_variation_may_stand_within_an_offset():
     np.testing.assert_allclose(state[1:3], [0, 0.66], atol=1e-12)
 
 
+@pytest.mark.full
 def test_the_pose_is_drawn_before_the_scene():
     plain, varied = load(random=3), load(random=3, variations=VARIED)
     for env in (plain, varied):

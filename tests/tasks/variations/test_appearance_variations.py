@@ -42,6 +42,7 @@ def parameters(environment):
     return {parameter.name: parameter for parameter in offered if parameter.type.visual}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", SCENES)
 def test_tables_vary_all_that_the_arena_offers_from_its_built_values(domain):
     env = environment(domain, visuals=False)
@@ -58,6 +59,7 @@ def test_tables_vary_all_that_the_arena_offers_from_its_built_values(domain):
             offered[each.name].type.checked(drawn, each.name)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", SCENES)
 def test_held_out_values_are_not_seen(domain):
     env, random_state = environment(domain, visuals=False), np.random.RandomState(0)

@@ -69,6 +69,7 @@ def test_a_scene_offers_every_parameter_of_its_layout(domain):
                 np.testing.assert_array_equal(parameter.type.checked(value, varied.name), value)
 
 
+@pytest.mark.full
 def test_parameters_do_not_depend_on_visuals():
     scenes = (build_kitchen_scene(visuals=visuals) for visuals in (True, False))
     with_visuals, without = ([(each.name, each.unit) for each in scene.parameters] for scene in scenes)

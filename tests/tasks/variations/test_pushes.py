@@ -41,6 +41,7 @@ def positions_before_physics(environment, action, step):
     return seen[-1]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", brief(suite.DOMAINS, ["kitchen"], full=suite.DOMAINS))
 def test_the_arm_is_displaced_at_the_start_of_one_control_step(domain):
     pushed, plain = load(domain, {"step": 2, "joint_offsets": OFFSETS}), load(domain, {"step": 0})
@@ -90,6 +91,7 @@ def test_one_of_the_completed_tasks_is_undone(which, undone):
     np.testing.assert_array_equal(qpos[ARM], arm)
 
 
+@pytest.mark.full
 def test_the_arm_is_displaced_where_nothing_has_been_completed():
     environment = load(push={"step": 1, "undoes": 1, "joint_offsets": OFFSETS})
     environment.reset()

@@ -74,6 +74,7 @@ def assert_free(domain, split, count):
         assert excess <= DEPTH, (number, names, info["variation_values"])
 
 
+@pytest.mark.full
 def test_the_measure_sees_a_kettle_in_the_stove():
     env = FrankaKitchenEnv()
     env.reset(seed=0)
