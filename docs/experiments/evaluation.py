@@ -1,4 +1,4 @@
-"""Evaluates policies in the kitchen under every protocol, for the page of results.
+"""Evaluates policies under every protocol, in the kitchen or in generated ones, for the page of results.
 
 python docs/experiments/evaluation.py FOLDER                                    all that have no result yet
 python docs/experiments/evaluation.py FOLDER expert:default random:d4rl         some of them
@@ -65,6 +65,7 @@ def flags(case: Case, folder: Path) -> list[str]:
     return [
         f"--policy={policy}",
         f"--protocol={protocol}",
+        f"--domain_name={PROTOCOLS[protocol].domain_name or 'kitchen'}",
         *(f"--task_name={each}" for each in task),
         *([f"--dataset={demonstrations(folder)}"] if takes_goals(case) else []),
         f"--output={output}",

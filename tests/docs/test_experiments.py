@@ -226,6 +226,21 @@ def test_generalisation_is_measured_once_in_kitchens_seen_and_unseen(tmp_path, m
     script.main([str(tmp_path / "runs"), "1"])
 
 
+@pytest.mark.clients
+def test_the_policy_for_unseen_kitchens_is_trained_and_shipped(tmp_path, monkeypatch):
+    script = load_script("experiments/unseen_kitchens")
+    values = {"KITCHENS": 2, "EPISODES": 2, "STEPS": 4, "SHIPPED": tmp_path / "shipped"}
+    for name, value in values.items():
+        monkeypatch.setattr(script, name, value)
+    monkeypatch.setattr(script, "in_processes", map)
+    script.SHIPPED.mkdir()
+    folder = tmp_path / "runs"
+    script.main([str(folder), "train"])
+    script.main([str(folder), "ship"])
+    policy = policies.load_policy(tmp_path / "shipped" / "kitchens_open.npz")
+    assert (policy.metadata["domain_name"], policy.metadata["task_name"]) == ("kitchens", "open")
+
+
 SMALL_ONE = {
     "num_envs": 2,
     "rollouts": 16,
