@@ -100,8 +100,8 @@ def test_tasks_of_every_domain_are_played(evaluate, domain):
 
 
 def test_a_protocol_has_the_episodes_of_kitchen_evaluate(evaluate, benchmark):
-    params = {"protocol": "diffusion-policy", "max_episode_steps": 60}
-    (found,) = evaluate(server("expert"), episodes_per_task=2, params=params)["tasks"]
+    params = {"domain_name": "kitchen", "protocol": "diffusion-policy", "max_episode_steps": 60}
+    (found,) = evaluate(server("expert"), "unseen_kitchens", episodes_per_task=2, params=params)["tasks"]
     evaluation = kitchen_suite.evaluate("expert", protocol="diffusion-policy", num_episodes=2, max_episode_steps=60)
     expected = evaluation.results[found["task"]]
     assert [each["metrics"]["progress"] for each in found["episodes"]] == [each.progress for each in expected]
