@@ -115,6 +115,7 @@ def test_names_are_imported_in_one_module():
     assert homes <= IMPORTERS
 
 
+@pytest.mark.full
 def test_checkpoints_hold_no_code():
     """`torch.load` is called with `weights_only=True`, and numpy's reader with `allow_pickle=False`."""
     options = {}

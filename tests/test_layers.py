@@ -139,6 +139,7 @@ def test_a_heavy_library_stays_in_its_package(library):
     assert homes <= HOMES[library]
 
 
+@pytest.mark.full
 def test_no_command_imports_dm_control_before_the_gl_library_is_chosen():
     code = (
         "import sys; from kitchen_suite.commands import NAMES, find\n"

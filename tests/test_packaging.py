@@ -68,6 +68,7 @@ def test_test_files_have_unique_names():
     assert len(names) == len(set(names))
 
 
+@pytest.mark.full
 def test_importing_the_suite_neither_registers_nor_prints():
     code = "import sys, kitchen_suite.suite; assert 'gymnasium_robotics' not in sys.modules"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)

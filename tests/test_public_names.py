@@ -49,6 +49,7 @@ def test_asking_for_the_experts_without_mink_raises_no_import_error(monkeypatch)
     assert not hasattr(kitchen_suite, "experts")
 
 
+@pytest.mark.full
 def test_submodules_are_imported_when_they_are_used():
     code = (
         "import sys, kitchen_suite\n"

@@ -113,6 +113,7 @@ def test_another_seed_gives_another_episode(domain, task):
     assert any(not np.array_equal(one[key], other[key]) for key in one)
 
 
+@pytest.mark.full
 @every_task
 def test_episodes_of_one_environment_differ(domain, task):
     environment = load(domain, task)

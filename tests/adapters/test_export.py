@@ -154,6 +154,7 @@ def test_the_action_of_the_default_mode_follows_from_the_formula(tmp_path, monke
         np.testing.assert_array_equal(inner.physics.data.ctrl, expected)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_every_mode_has_a_formula(domain):
     task = suite.load(domain, suite.default_task(domain), {"visuals": False}).task

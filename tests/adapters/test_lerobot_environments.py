@@ -93,6 +93,7 @@ def test_an_episode_does_not_depend_on_earlier_ones_in_the_environment():
     env.close()
 
 
+@pytest.mark.full
 def test_features_are_those_of_the_spaces():
     features, fps = features_of(spec_of(task_name="random_2"))
     assert fps == 12
@@ -126,6 +127,7 @@ def test_the_tasks_asked_follow_the_environment_state():
 CAMERAS = {"one camera": ["overview"], "two cameras": ["overview", "franka/hand"]}
 
 
+@pytest.mark.full
 @pytest.mark.rendering
 @pytest.mark.parametrize("cameras", brief_named(CAMERAS, kept=["two cameras"]))
 def test_pictures_are_by_camera_also_with_one_camera(cameras):

@@ -231,6 +231,7 @@ def test_a_full_stdout_gets_one_line(tmp_path, arguments):
     assert re.fullmatch(r"kitchen-test: (stdout cannot be written to: )?\[Errno 28\] No space left on device\n", err)
 
 
+@pytest.mark.full
 def test_a_bad_argument_keeps_its_status_where_stderr_is_lost():
     assert run_process(arguments="--num_episodes=x", streams="2>/dev/full") == (2, "", "")
 

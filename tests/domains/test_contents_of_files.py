@@ -44,6 +44,7 @@ def parts_of(environment):
     return environment.task.scene.part_names
 
 
+@pytest.mark.full
 def test_a_specification_has_the_design_and_not_its_path(file):
     spec = EnvironmentSpec.make("kitchens", "any", {"design": str(file)})
     assert str(file) not in json.dumps(spec.as_json())
@@ -103,6 +104,7 @@ def test_an_evaluation_in_a_design_is_verified_where_its_file_is_not(run, file):
     assert (status, "design" in out.splitlines()[0]) == (0, True)
 
 
+@pytest.mark.full
 def test_a_receipt_names_no_file(run, file):
     flags = ["--domain_name=kitchens", "--policy=zero", "--num_episodes=1", "--max_episode_steps=3"]
     assert run(evaluate, *flags, "--receipt=a.npz")[0] == 0
@@ -163,6 +165,7 @@ def test_a_state_is_of_one_kitchen(tmp_path):
         two.set_state(state)
 
 
+@pytest.mark.full
 def test_a_recording_is_readable_that_has_a_path(run, file):
     """As those of earlier versions do."""
     flags = ["--domain_name=kitchens", "--max_episode_steps=3", "--num_threads=1", "--output=runs", "--num_episodes=1"]

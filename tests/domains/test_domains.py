@@ -107,6 +107,7 @@ def registering(name, **attributes):
         del gymnasium.registry[env_id]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", suite.DOMAINS)
 def test_a_class_of_a_users_own_is_represented_by_its_own_name(name):
     domain = suite.find_domain(name)
@@ -180,6 +181,7 @@ def test_an_argument_that_neither_scene_nor_task_has_is_refused():
             gymnasium.make("Mine/Half-v1", sleeps=True)
 
 
+@pytest.mark.full
 def test_environments_that_differ_are_refused_and_nothing_changes():
     fields = {"scene": build_microwave_table_scene, "task": DoubledTask, "tasks": {"open": {}}}
     known, ids = set(suite.DOMAINS), set(gymnasium.registry)
@@ -243,6 +245,7 @@ def test_a_bad_record_is_refused(changes, error, shown):
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.full
 def test_a_domain_without_hyperparameters_trains_on_the_range_of_its_actions():
     for domain, scale in (("kitchen", (1.0,) * 9), ("microwave_table", (*(0.01,) * 7, 2.0))):
         task = suite.load(domain, suite.default_task(domain), {"visuals": False}).task

@@ -157,6 +157,7 @@ def test_sizes_and_masses_that_mujoco_does_not_compile_are_refused_by_name(name,
         entities.CabinetConfig(**{name: value})
 
 
+@pytest.mark.full
 def test_configs_at_the_limits_can_be_built():
     configs = [
         dict.fromkeys(LEAST, 1e-6),

@@ -265,6 +265,7 @@ def compiled(design, *, visuals):
     return scene, mjcf.Physics.from_mjcf_model(scene.arena.mjcf_model)
 
 
+@pytest.mark.full
 def test_flat_drawers_and_rows_beyond_the_back_wall_can_be_built():
     flat = {"kind": "drawers", "width": 0.4, "height": 0.16, "count": 4, "handle": "bar"}
     compiled(changed(FIXTURE, flat), visuals=True)

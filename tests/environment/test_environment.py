@@ -234,6 +234,7 @@ def test_a_broken_state_is_refused_and_changes_nothing(environment, spoil, error
     assert str(environment.get_state()["random"]) == str(before["random"])
 
 
+@pytest.mark.full
 def test_a_state_continues_the_stream_although_a_users_corruptor_draws():
     def make():
         environment = Environment(make_task(), random_state=1)

@@ -102,6 +102,7 @@ def test_states_carry_the_seed_of_the_next_episode():
         np.testing.assert_array_equal(each, again)
 
 
+@pytest.mark.full
 def test_large_seeds_are_counted_exactly():
     environment = load(episode_seeds=True, random=2**100)
     environment.reset()
@@ -137,6 +138,7 @@ def test_a_stream_that_a_client_assigned_has_one_episode_and_a_seed_is_the_remed
     np.testing.assert_array_equal(play(environment, 1)[0], play(load(random=3), 1)[0])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("options", "error", "words"),
     [

@@ -111,6 +111,7 @@ def test_without_arguments_it_plays_three_random_episodes_of_the_benchmark(run):
     assert out.endswith(f"\n\n{HINT}")
 
 
+@pytest.mark.full
 def test_completions_are_listed_with_their_control_steps(run):
     status, out, _ = run("--num_episodes=1", "--task_name=all", '--task_kwargs={"threshold": 9}', *SHORT)
     assert status == 0
@@ -255,6 +256,7 @@ def test_an_interrupt_keeps_the_finished_episodes(run):
     assert len(load_episode("runs/episode_000000.npz")[1]["reward"]) == 5
 
 
+@pytest.mark.full
 def test_an_interrupt_while_a_file_is_written_leaves_no_part_of_it(run, monkeypatch):
     write = np.savez_compressed
 
@@ -269,6 +271,7 @@ def test_an_interrupt_while_a_file_is_written_leaves_no_part_of_it(run, monkeypa
     assert episode_files("runs") == ["episode_000000.npz"]
 
 
+@pytest.mark.full
 def test_an_interrupt_at_the_beginning_of_an_array_is_an_interrupt(run, monkeypatch):
     def interrupt(*arguments):
         raise KeyboardInterrupt
@@ -285,6 +288,7 @@ def test_only_the_plain_command_names_one_to_try_next(run):
     assert HINT not in run(*SHORT)[1]
 
 
+@pytest.mark.full
 def test_a_full_disk_gets_one_line(run, monkeypatch):
     def fail(file, **arrays):
         raise OSError(28, "No space left on device")
@@ -296,6 +300,7 @@ def test_a_full_disk_gets_one_line(run, monkeypatch):
     assert episode_files("runs") == []
 
 
+@pytest.mark.full
 def test_diverging_physics_gets_one_line(run, monkeypatch):
     def diverge(self, action):
         raise control.PhysicsError("Physics state has become invalid.")
@@ -314,6 +319,7 @@ def test_episodes_are_never_overwritten(run):
     assert load_episode("runs/episode_000000.npz")[0] == before
 
 
+@pytest.mark.full
 def test_a_policy_is_found_in_the_working_directory(run):
     status, out, _ = run("--policy=my_policies:act", "--num_episodes=1", *SHORT)
     assert status == 0
@@ -413,6 +419,7 @@ def test_an_argument_that_the_command_sets_itself_is_refused(run, name):
     assert not os.path.exists("runs")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("argument", ["--camera=nowhere", "--policy=nowhere:act", "--task_name=nothing"])
 def test_nothing_is_made_before_all_arguments_are_known_to_be_good(run, argument):
     status, out, _ = run(argument, "--output=runs")

@@ -47,6 +47,7 @@ def test_random_actions_are_standard_normal_where_there_are_no_bounds():
 
 
 # Random actions overturn the arm's posture, so that the episode terminates.
+@pytest.mark.full
 @pytest.mark.parametrize(("policy", "steps", "terminates"), [("zero", 20, False), ("random", 4, True)])
 def test_an_episode_file_holds_what_suite_load_returns_when_replayed(tmp_path, policy, steps, terminates):
     assert rollout.main([*SHORT, f"--policy={policy}", "--num_episodes=1", "--seed=4", f"--output={tmp_path}"]) == 0

@@ -53,6 +53,7 @@ def test_by_default_nothing_is_named(tmp_path):
     assert "info/control_timestep" not in load_episode(tmp_path / "episode_000000.npz")[1]
 
 
+@pytest.mark.full
 def test_results_of_an_evaluation_name_it(tmp_path):
     results = tmp_path / "results.json"
     assert evaluate.main([*flags("kitchen"), f"--json={results}"]) == 0

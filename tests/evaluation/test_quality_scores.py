@@ -82,6 +82,7 @@ def test_a_receipt_with_quality_is_checked(run, folder):
     assert "all numbers are equal" in output
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", brief(suite.DOMAINS, ["microwave_table"], suite.DOMAINS))
 def test_recordings_keep_the_quality_and_replay(domain, run, folder):
     flags = [f"--domain_name={domain}", "--num_episodes=1", "--max_episode_steps=3", "--quality", "--num_threads=1"]

@@ -205,6 +205,7 @@ def test_a_receipt_of_zero_actions_that_succeed_says_so(run, tmp_path):
     assert "threshold" not in out.splitlines()[0]
 
 
+@pytest.mark.full
 def test_published_results_are_those_of_receipts(run):
     assert run(replay, "nothing", "--published=x.json")[0] == 2
     assert make_plan(ZERO, replaced=Replaced(num_episodes=2)).changes == {"num_episodes": (2, 200)}

@@ -91,6 +91,7 @@ def test_targets_of_velocities_follow(domain):
         np.testing.assert_array_equal(env.environment.physics.bind(robot.actuators).ctrl, expected)
 
 
+@pytest.mark.full
 def test_the_greatest_distance_of_position_targets_follows():
     env = make("kitchen", control_mode="joint_position", feedback="true").unwrapped
     env.reset(seed=0)

@@ -56,6 +56,7 @@ def test_by_default_the_stream_goes_on(domain):
     assert_same(play(one, 2), play(other, 2))
 
 
+@pytest.mark.full
 def test_a_number_is_the_distance_between_seeds():
     env = make(episode_seeds=4)
     env.reset(seed=1)
@@ -64,6 +65,7 @@ def test_a_number_is_the_distance_between_seeds():
     assert_same(start, make().reset(seed=5))
 
 
+@pytest.mark.full
 def test_without_a_seed_a_drawn_one_counts_on():
     env = make()
     play(env, 2)
@@ -123,6 +125,7 @@ def test_a_generator_that_was_assigned_has_one_episode_and_a_seed_is_the_remedy(
     assert_same(env.reset(), make().reset(seed=4))
 
 
+@pytest.mark.full
 def test_a_refused_reset_does_not_count():
     env = make()
     env.reset(seed=3)

@@ -69,6 +69,7 @@ def test_the_reward_is_the_sum_of_its_terms_and_infos_keep_their_shape():
     assert [info["episode_step"] for info in infos] == list(range(21))
 
 
+@pytest.mark.full
 def test_the_step_counter_survives_resets_and_is_part_of_the_state():
     env = FrankaOpenCabinetEnv()
     env.reset(seed=0)

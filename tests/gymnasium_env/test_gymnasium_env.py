@@ -387,6 +387,7 @@ def test_a_moment_of_a_headless_run_can_be_set_where_it_can_be_rendered_and_back
         assert_same(source.get_state(), target.get_state())
 
 
+@pytest.mark.full
 def test_a_state_serves_a_planner_after_the_end_of_an_episode():
     env = FrankaKitchenEnv(["microwave"], goals={"microwave": [0.1]})
     env.reset(seed=1)
@@ -396,6 +397,7 @@ def test_a_state_serves_a_planner_after_the_end_of_an_episode():
     assert env.step(np.zeros(9))[1:3] == (1.0, True)
 
 
+@pytest.mark.full
 def test_a_seed_beside_a_state_replaces_only_the_random_state():
     env = FrankaKitchenEnv()
     env.reset(seed=1)
@@ -422,6 +424,7 @@ def test_a_step_after_termination_goes_on_in_the_same_episode():
     assert info["episode_step"] == 2
 
 
+@pytest.mark.full
 def test_a_step_after_a_divergence_starts_a_clean_episode():
     env = FrankaKitchenEnv()
     env.reset(seed=0)

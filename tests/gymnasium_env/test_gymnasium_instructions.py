@@ -110,6 +110,7 @@ def test_infos_of_many_have_the_sentence_of_each():
     assert "instruction" not in vector(KITCHEN_ID).reset(seed=1)[1]
 
 
+@pytest.mark.full
 def test_hindsight_rewards_take_infos_with_sentences():
     environments = vector(KITCHEN_ID, instructions=True, **PAIR)
     environments.reset(seed=1)

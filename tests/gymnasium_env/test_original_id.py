@@ -87,6 +87,7 @@ def test_the_id_takes_the_originals_arguments():
     assert [env.step(np.zeros(9, np.float32))[3] for _ in range(3)] == [False, False, True]
 
 
+@pytest.mark.full
 def test_the_spec_is_the_originals():
     spec = gymnasium.spec(ID)
     assert (spec.max_episode_steps, spec.kwargs, spec.nondeterministic, spec.reward_threshold) == (280, {}, False, None)

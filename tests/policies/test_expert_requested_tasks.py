@@ -32,6 +32,7 @@ def test_the_expert_does_the_tasks_asked_and_no_others(seed):
     assert (task.task_distances[others] > task.threshold).all()
 
 
+@pytest.mark.full
 def test_in_order_is_the_configured_order_and_flat_observations_do():
     environment = suite.load(
         "kitchen",

@@ -229,12 +229,14 @@ CONFIGURATIONS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("options", brief_named(CONFIGURATIONS, kept=["position target", "ten times the noise"]))
 def test_the_expert_takes_the_settings_of_its_task(load, options):
     env = load("microwave", **options)
     assert episode(env, experts.make(env.task), 4)[0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("environment_kwargs", [{"flat_observation": True}, {"strip_singleton_obs_buffer_dim": False}])
 def test_observations_of_other_shapes_are_accepted(environment_kwargs):
     env = suite.load("kitchen", "kettle", {"visuals": False}, environment_kwargs)

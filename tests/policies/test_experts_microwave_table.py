@@ -31,6 +31,7 @@ def test_the_door_is_opened_in_every_mode(mode):
     assert successes(load(mode), [201]) == 1
 
 
+@pytest.mark.full
 def test_the_observation_alone_is_enough_and_actions_are_within_bounds():
     env, expert = FrankaMicrowaveTableEnv(max_episode_steps=500), experts.MicrowaveExpert()
     observation, _ = env.reset(seed=202)

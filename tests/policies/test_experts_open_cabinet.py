@@ -89,6 +89,7 @@ def test_a_displaced_handle_is_found_under_observation_noise(seed):
     assert opening(env, experts.make(env.task), seed)[0] >= 0.3
 
 
+@pytest.mark.full
 def test_a_drawer_that_slipped_out_is_grasped_again():
     env = load(gripper="deterministic")
     env.random_state.seed(0)

@@ -175,6 +175,7 @@ def test_a_policy_without_labels_says_nothing():
     assert policies.labels_of(build("zero", -1, 1)) == {}
 
 
+@pytest.mark.full
 def test_the_expert_takes_over_from_a_trained_policy_at_a_step_of_the_seed():
     environment = suite.load("kitchen", "kettle", {"random": 0, "visuals": False})
     taken = []

@@ -234,6 +234,7 @@ def test_malformed_addresses_and_options_are_refused(name, pauses):
     assert_is_short(str(raised.value))
 
 
+@pytest.mark.full
 def test_without_the_extra_the_error_names_it_and_nothing_is_imported(monkeypatch):
     monkeypatch.setitem(EXTRA_PACKAGES, "remote", ("msgpack", "websockets_that_are_not_there"))
     with refused(ImportError, "ws://localhost:1", "websockets_that_are_not_there", ".[remote]"):

@@ -71,6 +71,7 @@ def test_the_hand_stays_until_it_is_told_to_move():
     assert np.linalg.norm(arm.hand[0] - start) < 0.12
 
 
+@pytest.mark.full
 def test_a_nudge_is_in_the_frame_of_the_base():
     _, policy, _ = started("open_cabinet")
     environment, arm = suite.load("open_cabinet", "top_drawer"), policy.arm

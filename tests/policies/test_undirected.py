@@ -95,6 +95,7 @@ def test_directed_episodes_do_what_is_asked_for_and_no_more(kitchen):
     assert 4 <= sum(shares) <= 22
 
 
+@pytest.mark.full
 def test_one_action_in_some_is_uniform():
     environment = suite.load("kitchen", "mixed", {"visuals": False})
     observation = environment.task.policy_inputs.flatten(environment.reset().observation)[:59]

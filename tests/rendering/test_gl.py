@@ -209,6 +209,7 @@ def headless(monkeypatch):
     monkeypatch.setattr(gl, "_library", None)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("renders", ["suite", "gymnasium", "vector"])
 def test_without_any_gl_library_rendering_raises_the_commands_sentence(headless, renders):
     environment = make(renders)

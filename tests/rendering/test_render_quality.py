@@ -112,6 +112,7 @@ def test_images_of_physics_are_of_high_quality_by_default():
     assert all(each.physics.model.vis.quality.shadowsize > 0 for each in environments)
 
 
+@pytest.mark.full
 def test_the_default_is_quiet_without_the_packages_of_light_meshes(monkeypatch, recwarn):
     monkeypatch.setattr(light_meshes, "missing_packages", lambda: ["trimesh"])
     gymnasium.make(OPEN_CABINET_ID, **SMALL).close()

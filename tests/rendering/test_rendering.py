@@ -35,6 +35,7 @@ def physics(environment):
     return environment.physics
 
 
+@pytest.mark.full
 def test_the_cameras_have_the_documented_names_and_numbers(physics):
     assert tuple(physics.model.camera(i).name for i in range(physics.model.ncam)) == CAMERAS
 
@@ -93,6 +94,7 @@ def test_a_scene_callback_still_adds_geoms(physics):
     assert (plain != empty).mean() > 0.5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_depth_is_in_metres(physics, camera):
     depth = physics.render(HEIGHT, WIDTH, camera_id=camera, depth=True)
@@ -187,6 +189,7 @@ def test_the_wrist_camera_sees_the_fingers_and_what_is_before_them(physics):
     assert {"franka", "kettle"} <= seen_bodies(physics, "franka/wrist")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "entity",
     [

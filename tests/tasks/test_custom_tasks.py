@@ -235,6 +235,7 @@ def test_a_copy_continues_with_the_noise_of_the_last_observation(domain):
 MASSES = [(domain, group) for domain in DOMAINS for group in range(6)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("domain", "group"), brief(MASSES, kept=[(domain, 0) for domain in DOMAINS], full=[*MASSES[1:6], *MASSES[7:12]])
 )
@@ -523,6 +524,7 @@ def test_a_reset_that_writes_into_the_model_only_sometimes_is_an_error():
         envs.reset()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_resets_of_the_suites_own_tasks_write_nothing_into_the_model(domain):
     """Otherwise every simulation would have fields of its own, for nothing."""

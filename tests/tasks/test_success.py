@@ -163,6 +163,7 @@ def test_original_success_is_the_default():
     assert load(["kettle"], success="original").task.threshold == 0.3
 
 
+@pytest.mark.full
 def test_gymnasium_decides_as_the_task_does():
     env = FrankaKitchenEnv(["microwave", "kettle"], success="strict", goal_format="flat")
     desired = env.reset(seed=0)[0]["desired_goal"]
@@ -223,6 +224,7 @@ def test_an_experts_own_threshold_replaces_the_tasks_success():
     KitchenExpert.for_task(load(["kettle"], threshold=0.2).task, success="strict")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("settings", "error", "shown"),
     [

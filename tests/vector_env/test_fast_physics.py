@@ -111,6 +111,7 @@ def test_infos_name_it_and_those_of_the_exact_physics_do_not():
         assert vector.step(vector.action_space.sample())[-1]["physics"].tolist() == ["fast", "fast"]
 
 
+@pytest.mark.full
 def test_states_of_the_other_physics_are_refused():
     fast, exact = load(physics="fast"), load()
     fast.reset(), exact.reset()

@@ -151,6 +151,7 @@ def test_after_an_error_no_other_call_begins():
     assert called == [joined.batches[0]]
 
 
+@pytest.mark.full
 def test_one_design_however_often_has_one_batch():
     assert isinstance(batch(many(3, [2, 2, 2])), Batch)
     assert isinstance(batch(many(1, range(100))), Batch)

@@ -119,6 +119,7 @@ def test_a_number_is_the_distance_in_vectors_as_well():
         assert_same(row(observations, i), first(11 + i))
 
 
+@pytest.mark.full
 def test_the_episode_after_a_divergence_has_the_next_seed():
     envs = make_vec()
     envs.reset(seed=10)

@@ -79,6 +79,7 @@ def test_after_going_back_the_person_acts_until_it_is_handed_back():
     assert not episode.is_waiting
 
 
+@pytest.mark.full
 def test_the_fingers_are_as_they_were():
     episode = started()
     episode.arm.grasp(True)
@@ -114,6 +115,7 @@ def test_time_stands_still_a_moment_after_the_hand_does():
     assert episode.arm.fingers.max() < 0.005
 
 
+@pytest.mark.full
 def test_after_a_step_that_failed_the_episode_only_goes_back(monkeypatch, tmp_path):
     episode = started(seed=0)
     play(episode, 4)

@@ -92,6 +92,7 @@ def test_rotation_vectors_turn_about_the_axes_of_the_frame(domain, frame):
 GRIPPING = ("joint_delta", "ee_delta_position", "ee_delta_pose", "ee_pose")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("domain", "mode"),
     brief(
@@ -228,6 +229,7 @@ def test_joint_positions_repeat_an_episode_of_velocities(feedback):
     np.testing.assert_array_equal(positions.physics.data.qpos, velocities.physics.data.qpos)
 
 
+@pytest.mark.full
 def test_joint_positions_are_clipped():
     kitchen, cabinet = load("kitchen", "joint_position", feedback="true"), load("open_cabinet", "joint_position")
     for environment in (kitchen, cabinet):
@@ -369,6 +371,7 @@ def test_the_greatest_speeds_neither_warn_nor_diverge():
         assert np.isfinite(environment.step(action).observation["joint_positions"]).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", ["joint_delta", "ee_delta_position", "ee_pose"])
 def test_bad_actions(mode):
     environment = load("kitchen", mode)

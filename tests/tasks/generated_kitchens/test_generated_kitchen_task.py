@@ -109,6 +109,7 @@ def test_fewer_slots_are_the_first_ones():
     assert few.task.policy_inputs.size == sum(value.size for value in observed[1].values()) < SIZE
 
 
+@pytest.mark.full
 def test_what_is_requested_has_a_slot():
     with refused(ValueError, "num_slots must be at least 4, the parts that are requested, got 3"):
         load("any_4", num_slots=3)
@@ -256,6 +257,7 @@ def test_closing_counts_below_its_share_and_what_is_not_asked_for_never():
     assert (timestep.reward, timestep.discount) == (1.0, 0.0)
 
 
+@pytest.mark.full
 def test_the_kettle_is_moved_once_it_is_on_the_back_burner():
     environment = load("move_kettle", **NO_NOISE)
     timestep = environment.reset()

@@ -51,6 +51,7 @@ def test_there_are_twenty_tasks_and_the_default_is_the_references_seven():
     assert gymnasium_env.TASK_IDS["kitchen", "close_microwave"] == "KitchenSuite/CloseMicrowave-v1"
 
 
+@pytest.mark.full
 def test_goals_are_within_the_ranges_of_their_joints():
     environment = load(*DEFAULT_TASKS)
     for task in GOALS:
@@ -63,6 +64,7 @@ def test_goals_are_within_the_ranges_of_their_joints():
         assert (GOALS[task].value <= high + 0.002).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("task", brief(FURTHER, kept=["top right burner", "turn off bottom burner", "return kettle"]))
 def test_no_task_is_complete_at_its_start_and_each_starts_at_rest(task):
     environment = load(task)
@@ -75,6 +77,7 @@ def test_no_task_is_complete_at_its_start_and_each_starts_at_rest(task):
     assert abs(environment.task.task_distances[0] - distance) < 2e-3
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("reverse", "forward"),
     brief(REVERSES.items(), kept=[("close hinge cabinet", "hinge cabinet"), ("return kettle", "kettle")]),
@@ -159,6 +162,7 @@ def test_gymnasium_single_and_vectorised_start_and_step_alike():
     assert reached["achieved_goal"]["return kettle"][1] == 0.75
 
 
+@pytest.mark.full
 def test_commands_know_the_tasks(capsys):
     assert rollout.main(["--task_name=turn_off_light_switch", "--policy=expert", "--num_episodes=1"]) == 0
     assert "success rate          100% (1 of 1)" in capsys.readouterr().out
@@ -183,6 +187,7 @@ def test_variations_leave_the_start_within_the_ranges_and_away_from_the_goal(tas
             assert start.allows(environment.physics.data.qpos)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("task", brief(FURTHER, kept=["return kettle", "close hinge cabinet"]))
 def test_variations_of_the_layout_can_be_drawn(task):
     environment = load(task, variations="layout")

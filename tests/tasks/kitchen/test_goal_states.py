@@ -61,6 +61,7 @@ def test_the_goal_state_of_a_task_has_it_done(task):
     assert (goal != INITIAL_QPOS).sum() <= len(GOALS[task].value)
 
 
+@pytest.mark.full
 def test_the_goal_state_has_what_is_requested_done():
     env = FrankaKitchenEnv(tasks_per_episode=1, goal_states=3)
     observation, _ = env.reset(seed=0, options={"requested_tasks": ["microwave"]})
@@ -85,6 +86,7 @@ def test_an_episode_starts_in_a_state_at_rest():
     np.testing.assert_array_equal(usual["observation"][STATE], INITIAL_QPOS)
 
 
+@pytest.mark.full
 def test_requests_leave_the_random_stream_as_it_is():
     env = FrankaKitchenEnv(goal_states=1)
     plain, _ = env.reset(seed=3)

@@ -64,6 +64,7 @@ def test_a_kept_set_terminates_once_every_task_was_completed_at_some_step():
     assert environment.task.completion_steps == {"microwave": 1, "slide cabinet": 2}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("task", brief(GOALS, kept=[*DEFAULT_TASKS, "close hinge cabinet", "return kettle"]))
 def test_every_task_is_completed_by_reaching_its_goal(task):
     environment = load(task.replace(" ", "_"))

@@ -51,12 +51,14 @@ def test_the_time_limit_stays():
     assert [env.step(STANDING)[3] for _ in range(2)] == [False, True]
 
 
+@pytest.mark.full
 def test_an_episode_whose_tasks_are_all_completed_terminates_instead():
     env = FrankaKitchenEnv(["kettle"], threshold=10.0, max_task_steps=1)
     env.reset(seed=0)
     assert env.step(STANDING)[2:4] == (True, False)
 
 
+@pytest.mark.full
 def test_of_dm_control_the_last_step_has_discount_1():
     arguments = {**ARGUMENTS, "tasks_per_episode": 1, "threshold": 0.001, "max_task_steps": LIMIT, "visuals": False}
     with suite.load("kitchen", "all", {"random": 0, **arguments}) as environment:
@@ -107,6 +109,7 @@ def test_vectorised_environments_truncate_as_single_ones_do(mode):
     assert count > 3
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("value", "error", "shown"),
     [

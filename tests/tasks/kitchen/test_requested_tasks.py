@@ -20,6 +20,7 @@ def actions(count, seed=0):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (count, 9)).astype(np.float32)
 
 
+@pytest.mark.full
 def test_the_observation_and_the_infos_are_of_the_tasks_asked():
     env = FrankaKitchenEnv(tasks_per_episode=(2, 3), goal_format="flat")
     inputs, seen = env.environment.task.policy_inputs, set()
@@ -55,6 +56,7 @@ def test_the_suite_observes_the_tasks_asked_last():
         suite.load("kitchen", "random_4", task_kwargs={"tasks_per_episode": 3})
 
 
+@pytest.mark.full
 def test_the_instruction_is_in_the_order_asked():
     env = FrankaKitchenEnv(tasks_per_episode=2, instructions=True)
     _, info = env.reset(options={"requested_tasks": ["microwave", "light switch"]})

@@ -58,6 +58,7 @@ def test_what_is_touched_wakes_and_moves_and_the_rest_stays(episode):
     assert moved[9:22].max() == 0.0
 
 
+@pytest.mark.full
 def test_nothing_sleeps_unless_asked_to():
     environment = load()
     environment.reset()

@@ -78,6 +78,7 @@ def test_the_expert_keeps_the_order():
     assert environment.task.episode_metrics["success"]
 
 
+@pytest.mark.full
 def test_bad_arguments_are_refused():
     with refused(ValueError, "tasks_in_order", "tasks_per_episode"):
         FrankaKitchenEnv(tasks_in_order=True, tasks_per_episode=2)

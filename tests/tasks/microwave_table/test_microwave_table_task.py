@@ -147,6 +147,7 @@ def test_a_state_continues_to_the_bit():
                 np.testing.assert_array_equal(first, second)
 
 
+@pytest.mark.full
 def test_the_commands_play_record_and_replay_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert rollout.main([*DOMAIN, "--num_episodes=1", "--output=rolled"]) == 0

@@ -73,6 +73,7 @@ def pulling_steps(env, act):
     return steps
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("task", brief(["top_drawer", "bottom_drawer"], kept=["top_drawer"]))
 def test_the_expert_earns_nearly_the_whole_reward_for_holding_while_it_pulls(task):
     env = load(task)
@@ -85,6 +86,7 @@ def test_the_expert_earns_nearly_the_whole_reward_for_holding_while_it_pulls(tas
     assert paid > 0.98 * sum(50 * s.drawer_position + 10 * s.drawer_velocity for s, _, _ in steps)
 
 
+@pytest.mark.full
 def test_a_hand_that_drags_the_bar_earns_nothing_for_opening():
     env = load()
     env.reset()
@@ -196,6 +198,7 @@ def test_a_batch_and_its_rows_have_equal_rewards():
             np.testing.assert_allclose(term, terms[name][i], rtol=1e-13, atol=1e-15)
 
 
+@pytest.mark.full
 def test_a_thicker_bar_is_held_by_fingers_farther_apart():
     features = Features(grips((), 0.004))
     assert grip(features, 0.01).holding == 1.0

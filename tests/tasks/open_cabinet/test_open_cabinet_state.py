@@ -94,6 +94,7 @@ def test_a_state_with_a_negative_friction_is_refused_before_anything_changes():
     assert task.get_state()["variation_values"]["cabinet/drawer_top_friction"] == 3.0
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("size", [1e160, np.finfo(np.float64).max])
 def test_the_greatest_actions_give_finite_rewards_and_states(size):

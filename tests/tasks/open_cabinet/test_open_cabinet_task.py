@@ -41,6 +41,7 @@ def test_a_flat_observation_is_the_parts_end_to_end():
     assert (spec.shape, spec.dtype) == ((25,), np.float32)
 
 
+@pytest.mark.full
 def test_how_an_episode_starts():
     env = load()
     starts = []
@@ -106,6 +107,7 @@ def episode(env, steps=60, seed=5):
     return np.array([flat(timestep) for timestep in timesteps]), [timestep.reward for timestep in timesteps]
 
 
+@pytest.mark.full
 def test_the_same_seed_gives_the_same_episodes():
     one, same, other = load(random=7), load(random=7), load(random=8)
     for _ in range(2):
@@ -139,6 +141,7 @@ def test_a_deterministic_gripper_draws_nothing():
     assert before[1] == after[1]
 
 
+@pytest.mark.full
 def test_penalties_grow_after_8000_total_steps_and_resets_do_not_restart_the_count():
     env = load()
     action, efforts = np.full(8, 0.02), []

@@ -102,6 +102,7 @@ def test_constants_out_of_range_are_refused(name, value, error):
         load(variations={name: value})
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "value"), [("cabinet/offset", (0.01, 0.0, np.nan)), ("cabinet/drawer_top_damping", np.nan)]
 )
@@ -115,6 +116,7 @@ def test_draws_that_are_no_numbers_are_refused_at_the_reset(name, value):
     assert not env.physics.data.qpos.any()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "drawn", "nearest"),
     [
