@@ -191,17 +191,6 @@ def _is_running(process: int) -> bool:
     return True
 
 
-def append_line(path: Path, line: bytes) -> None:
-    """Appends a line to a file in one call, so that lines of several processes do not mix.
-
-    Raises an OSError if the line could not be written whole.
-    """
-    text = line + b"\n"
-    with path.open("ab", buffering=0) as file:
-        if file.write(text) != len(text):
-            raise OSError(f"a line of {path} could not be written whole")
-
-
 def check_writable(folder: Path) -> None:
     """Raises a PermissionError if nothing can be written to a folder."""
     if not os.access(folder, os.W_OK):

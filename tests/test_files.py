@@ -4,14 +4,13 @@ import errno
 import functools
 import io
 import json
-import multiprocessing
 import os
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.episodes import left_behind, limited_files
+from helpers.episodes import left_behind
 
 from kitchen_suite import files
 
@@ -31,35 +30,6 @@ def test_hidden_files_and_folders_of_the_user_stay(tmp_path):
         [name.partition("/")[0] for name in theirs] + [running.name, elsewhere]
     )
     assert tmp_path.joinpath(theirs[0]).read_text() == "x"
-
-
-def append_lines(path, letter):
-    """Appends lines that are longer than buffers, as a process of several does."""
-    for _ in range(50):
-        files.append_line(path, letter * 300_000)
-
-
-@pytest.mark.full
-def test_lines_of_several_processes_do_not_mix(tmp_path):
-    path = tmp_path / "lines"
-    letters = (b"a", b"b", b"c")
-    processes = [
-        multiprocessing.get_context("spawn").Process(target=append_lines, args=(path, each)) for each in letters
-    ]
-    for process in processes:
-        process.start()
-    for process in processes:
-        process.join()
-    lines = path.read_bytes().splitlines()
-    assert sorted(lines) == sorted(letter * 300_000 for letter in letters for _ in range(50))
-
-
-def test_a_line_that_does_not_fit_is_an_error(tmp_path):
-    path = tmp_path / "lines"
-    with limited_files(1_000):
-        files.append_line(path, b"x" * 600)
-        with pytest.raises(OSError, match=r"lines"):
-            files.append_line(path, b"x" * 600)
 
 
 def test_unfinished_files_that_cannot_be_removed_stay(tmp_path, monkeypatch):

@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
-from kitchen_suite import checks, files, policies, suite
+from kitchen_suite import checks, policies, suite
 from kitchen_suite.entities.designs import SPLITS, KitchenDesign
 from kitchen_suite.policies.experts.generated_kitchens import reached_handles
 from kitchen_suite.tasks.generated_kitchens import certificates
@@ -95,9 +95,10 @@ def write_certificates(
     with path.open("ab") as file:
         # What follows the last complete line was cut off.
         file.truncate(path.read_bytes().rfind(b"\n") + 1)
-    for certificate in _certified(missing, split, num_workers):
-        files.append_line(path, msgspec.json.encode(certificate))
-        found[certificate.design] = certificate
+        for certificate in _certified(missing, split, num_workers):
+            file.write(msgspec.json.encode(certificate) + b"\n")
+            file.flush()
+            found[certificate.design] = certificate
     return {number: found[number] for number in numbers}
 
 

@@ -48,7 +48,8 @@ class EvaluationFolder:
 
     def add(self, result: EpisodeResult) -> None:
         if self._path:
-            files.append_line(self._path, result.as_line(self._evaluation))
+            with self._path.open("ab") as file:
+                file.write(result.as_line(self._evaluation) + b"\n")
         self.results[result.condition, result.episode] = result
 
     def _read(self, path: Path, seeds: Mapping[Key, int]) -> None:

@@ -2,6 +2,7 @@
 
 import functools
 import json
+import multiprocessing
 import os
 import re
 import signal
@@ -18,7 +19,7 @@ from kitchen_suite.commands import evaluate
 from kitchen_suite.episodes import report
 from kitchen_suite.evaluation import tables
 from kitchen_suite.evaluation.evaluate import Evaluation
-from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE
+from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder
 from kitchen_suite.evaluation.plan import Replaced, make_unprepared_plan
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.policies import PolicyRef
@@ -108,6 +109,40 @@ def test_every_condition_of_a_protocol_is_scored(run, tmp_path):
     assert result["d4rl_score"] == 0.0
     assert out.splitlines()[-5].split()[:3] == ["condition", "p1", "p2"]
     assert [line.split()[0] for line in out.splitlines()[-3:]] == ["complete", "partial", "mixed"]
+
+
+def add_results(folder, seeds, barrier):
+    """Adds results with traces longer than buffers to an evaluation, at the same time as other processes."""
+    opened = EvaluationFolder(folder)
+    barrier.wait()
+    for seed in seeds:
+        opened.add(
+            EpisodeResult(
+                condition="all",
+                episode=seed,
+                seed=seed,
+                success=True,
+                progress=1.0,
+                control_steps=1,
+                trace="a" * 300_000,
+            )
+        )
+
+
+@pytest.mark.full
+def test_lines_of_several_processes_do_not_mix(tmp_path):
+    description = {"protocol": "default"}
+    EvaluationFolder.create(tmp_path / "runs", description)
+    context = multiprocessing.get_context("spawn")
+    barrier = context.Barrier(3)
+    parts = [range(0, 30), range(20, 50), range(40, 70)]
+    processes = [context.Process(target=add_results, args=(tmp_path / "runs", part, barrier)) for part in parts]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    found = EvaluationFolder.resume(tmp_path / "runs", description, {("all", seed): seed for seed in range(70)})
+    assert sorted(result.seed for result in found.results.values()) == [*range(70)]
 
 
 def test_conditions_that_are_a_sample_are_scored_together():
