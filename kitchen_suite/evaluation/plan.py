@@ -139,10 +139,16 @@ class EvaluationPlan:
     @property
     def replaced(self) -> list[str]:
         """Names of the values that are not the protocol's; what a policy has to observe is not among them."""
-        own = make_unprepared_plan(PolicyRef.parse("zero"), self.protocol, Replaced(domain_name=self.first.domain_name))
         mine = _values(self)
-        its = _values(own)
+        its = _values(self._unchanged)
         return [name for name in mine if mine[name] != its[name]]
+
+    @property
+    def _unchanged(self) -> "EvaluationPlan":
+        """The protocol in the plan's domain, without replaced values."""
+        return make_unprepared_plan(
+            PolicyRef.parse("zero"), self.protocol, Replaced(domain_name=self.first.domain_name)
+        )
 
     @property
     def changes(self) -> dict[str, tuple[Any, Any]]:
@@ -151,9 +157,7 @@ class EvaluationPlan:
         The names of arguments begin with that of their condition, unless they are the same in all conditions.
         """
         mine = _values(self)
-        its = _values(
-            make_unprepared_plan(PolicyRef.parse("zero"), self.protocol, Replaced(domain_name=self.first.domain_name))
-        )
+        its = _values(self._unchanged)
         conditions, own = dict(mine.pop("conditions")), dict(its.pop("conditions"))
         found = {name: (mine[name], its[name]) for name in mine if mine[name] != its[name]}
         if [*conditions] != [*own]:
