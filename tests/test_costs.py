@@ -45,8 +45,8 @@ def collected(folder, run, *arguments):
     names = [line.partition("::")[2] for line in process.stdout.splitlines() if "::" in line]
     found = {}
     for name in names:
-        test, _, case = name.removesuffix("]").partition("[")
-        found.setdefault(test, []).append(int(case or 0))
+        test, *case = name.removesuffix("]").split("[")
+        found.setdefault(test, []).append(int(*case))
     return found
 
 
