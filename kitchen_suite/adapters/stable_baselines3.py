@@ -76,7 +76,7 @@ class SuiteVecEnv(VecEnv):
         observations, rewards, terminations, truncations, infos = self.environments.step(self._actions)
         dones, timeouts = terminations | truncations, truncations & ~terminations
         names = ("TimeLimit.truncated", *self._info_keys)
-        columns = (timeouts.tolist(), *(infos[name] for name in self._info_keys))
+        columns = (timeouts.tolist(), *(self._column(infos[name]) for name in self._info_keys))
         result = [dict(zip(names, values, strict=True)) for values in zip(*columns, strict=True)]
         for i in np.flatnonzero(dones).tolist():
             result[i] = {
@@ -86,6 +86,10 @@ class SuiteVecEnv(VecEnv):
             }
             self.reset_infos[i] = _row(infos, i)
         return observations, rewards.astype(np.float32), dones, result
+
+    def _column(self, values: Any) -> Sequence[Any]:
+        """Returns an info of each environment, of its values `(n, ...)` or of nested ones."""
+        return [_row(values, i) for i in range(self.num_envs)] if isinstance(values, Mapping) else values
 
     def close(self) -> None:
         """Closes the environments."""
@@ -306,5 +310,6 @@ class EvaluationCallback(BaseCallback):
 
 
 def _row(infos: Mapping[str, Any], i: int) -> dict[str, Any]:
-    """Returns the infos of environment `i`."""
-    return {key: value[i] for key, value in infos.items() if not key.startswith(("_", "final_"))}
+    """Returns the infos of environment `i`; those of variations are nested."""
+    own = {key: value for key, value in infos.items() if not key.startswith(("_", "final_"))}
+    return {key: _row(value, i) if isinstance(value, Mapping) else value[i] for key, value in own.items()}

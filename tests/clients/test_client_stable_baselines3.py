@@ -249,6 +249,26 @@ def test_the_vectorised_environments_equal_a_dummy_vec_env(env_id):
         environments.close()
 
 
+def test_infos_of_varied_episodes_are_those_of_each_environment():
+    from stable_baselines3.common.env_util import make_vec_env
+
+    kwargs = {"variations": "start", "max_episode_steps": 2}
+    plain = make_vec_env(CABINET, n_envs=2, env_kwargs={**SUPPORTED[CABINET], **kwargs})
+    fast = make_fast(CABINET, 2, info_keys=["variation_values"], **kwargs)
+    for environments in (plain, fast):
+        environments.seed(5)
+        environments.reset()
+    for one, other in zip(plain.reset_infos, fast.unwrapped.reset_infos, strict=True):
+        assert_same(one["variation_values"], other["variation_values"])
+    for _ in range(2):
+        infos, fast_infos = (environments.step(np.zeros((2, 8)))[-1] for environments in (plain, fast))
+        for one, other in zip(infos, fast_infos, strict=True):
+            assert one["variation_values"]["cabinet/drawer_top"] > 0.0
+            assert_same(one["variation_values"], other["variation_values"])
+    for environments in (plain, fast):
+        environments.close()
+
+
 def test_an_episode_that_terminates_at_its_limit_is_not_truncated():
     goals = {"tasks_to_complete": ["microwave"], "goals": {"microwave": [0.0]}}
     environments = make_fast(num_envs=2, max_episode_steps=1, **goals)
