@@ -32,7 +32,7 @@ from kitchen_suite.tasks.quality import QualityMeter
 from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
 from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
-from kitchen_suite.tasks.terms import Observation, RewardTerm, Termination, end_to_end
+from kitchen_suite.tasks.terms import Observation, RewardTerm, Termination, added, added_functions, end_to_end
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
 from kitchen_suite.types import Array
@@ -76,11 +76,11 @@ class SuiteTask(composer.Task):
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       varied: the parameters that groups vary, in the order in which they are drawn.
       extra_rewards: additional terms of the reward by name, in classes of a user's own: functions of a step; see
-        `tasks.terms.Transition`.
+        `tasks.terms.Transition`. Of these three, a class adds to those of the classes that it extends, replaces one of
+        these under its name, and removes one by None. A property of a class may return them as well.
       extra_terminations: additional reasons to terminate an episode by name: functions of a step that return bools.
         Infos have them as `termination/<name>`.
-      extra_observations: additional observations by name, in classes of a user's own; a property of a class may return
-        them as well. They follow the domain's own in the state.
+      extra_observations: additional observations by name. They follow the domain's own in the state.
       instructions: the task in words: its sentence, then paraphrases of it; see `tasks.goals`.
       hidden_keys: keys of observations that policies do not see unless they are privileged, see `policies.registry`:
         those that the `obs_type` of a Gymnasium environment leaves out.
@@ -93,7 +93,8 @@ class SuiteTask(composer.Task):
       policy_inputs: the observation as trained policies take it; from the compilation on.
       observed: the enabled observables of the task by observation key, in order.
       extras: quantities of `extra_observables` that are observed beside the task's own; None if there are none.
-      observations: the `extra_observations`.
+      observations: the `extra_observations` of the class and of those that it extends.
+      terminations: their `extra_terminations`.
       extra_observables: the observables of both by observation key.
       extra_slices: slice of each among their elements, which are the last ones of the state; from the compilation on.
       extra_size: number of their elements; from the compilation on.
@@ -111,11 +112,10 @@ class SuiteTask(composer.Task):
     environment_classes: ClassVar[EnvironmentClasses] = ANY_ENVIRONMENT
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
     varied: ClassVar[Sequence[ParameterVariation]] = ()
-    extra_rewards: ClassVar[Mapping[str, RewardTerm]] = MappingProxyType({})
-    extra_terminations: ClassVar[Mapping[str, Termination]] = MappingProxyType({})
-    # A class may have a property instead.
+    # A class may have properties instead of these.
+    extra_rewards: Any = MappingProxyType({})
+    extra_terminations: Any = MappingProxyType({})
     extra_observations: Any = MappingProxyType({})
-    # A class may have a property instead.
     instructions: Any = ()
     hidden_keys: Collection[str] = frozenset()
 
@@ -165,15 +165,16 @@ class SuiteTask(composer.Task):
         """
         extras = ExtraObservables(scene, extra_observables)
         self.extras = extras if extras.size else None
-        self.observations = ExtraObservations(self.extra_observations, type(self).__name__)
+        self.observations = ExtraObservations(added(self, "extra_observations"), type(self).__name__)
+        self.terminations: dict[str, Termination] = added_functions(self, "extra_terminations")
         own = self.observations.observables(self._measured)
         self.extra_observables: dict[str, observable.Observable] = joined(extras.by_name, own)
         self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
         self.scene = scene
         self.robot = scene.robot
         self.mdp = mdp
-        if self.extra_rewards:
-            self.mdp = dataclasses.replace(mdp, rewards=self._with_extra_rewards(mdp.rewards))
+        if extra_rewards := added_functions(self, "extra_rewards"):
+            self.mdp = dataclasses.replace(mdp, rewards=self._joined_rewards(mdp.rewards, extra_rewards))
         self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
         self.requests = Requests()
@@ -184,16 +185,15 @@ class SuiteTask(composer.Task):
         self._terminates = False
         self._visualize_reward = False
         self.set_timesteps(control_timestep=self.default_control_timestep, physics_timestep=scene.physics_timestep)
-        for name, termination in self.extra_terminations.items():
-            if not callable(termination):
-                raise TypeError(f"extra_terminations[{name!r}] must be a function, got {checks.shown(termination)}")
 
     @classmethod
-    def _with_extra_rewards(cls, rewards: Mapping[str, RewardTerm]) -> dict[str, RewardTerm]:
+    def _joined_rewards(
+        cls, rewards: Mapping[str, RewardTerm], extra: Mapping[str, RewardTerm]
+    ) -> dict[str, RewardTerm]:
         """Returns the terms of a reward and the `extra_rewards`; a ValueError where both have a term of one name."""
-        if taken := sorted(rewards.keys() & cls.extra_rewards.keys()):
+        if taken := sorted(rewards.keys() & extra.keys()):
             raise ValueError(f"extra_rewards of {cls.__name__} must have other names than the reward's terms: {taken}")
-        return {**rewards, **cls.extra_rewards}
+        return {**rewards, **extra}
 
     def _make_observables(self) -> dict[str, observable.Observable]:
         """Returns an enabled observable for each observation, by key, in order."""
@@ -424,9 +424,7 @@ class SuiteTask(composer.Task):
         self.random = random_state
         mdp, self.simulation = self.mdp, PhysicsSimulation(physics)
         self.pusher = Pusher.make(physics, self.scene, mdp)
-        self._stepper = Stepper(
-            mdp, self.simulation, self.pusher, self.observations, self.extra_terminations, self.meter
-        )
+        self._stepper = Stepper(mdp, self.simulation, self.pusher, self.observations, self.terminations, self.meter)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
         self.variations.bind(physics)
@@ -534,7 +532,7 @@ class SuiteTask(composer.Task):
             variation=self.variations.info,
         )
         state = self.initial_state(start.scaled(draws))
-        episode = start._replace(mdp_state=state, terminations=dict.fromkeys(self.extra_terminations, np.array(False)))
+        episode = start._replace(mdp_state=state, terminations=dict.fromkeys(self.terminations, np.array(False)))
         if self.observations.by_name:
             self.simulation.evaluate()
             values = self.observations.measure(self.simulation, state, ())

@@ -49,6 +49,47 @@ Termination = Callable[[Any], NDArray[np.bool_]]
 """A reason to terminate an episode: a function of a `Transition` that returns bools `(...)`."""
 
 
+def added(task: object, attribute: str) -> dict[str, Any]:
+    """Returns the terms by name that a task adds in an attribute: those of the classes that it extends come first.
+
+    A class replaces a term of those that it extends under the same name, and removes one by None.
+
+    Args:
+      task: an instance of the class.
+      attribute: name of the attribute: a mapping, or a property that returns one, in any of the classes.
+
+    Raises a TypeError or a ValueError, which names the class, for another attribute, another name of a term, or a None
+    that removes nothing.
+    """
+    terms: dict[str, Any] = {}
+    owners = [(cls.__name__, vars(cls)) for cls in reversed(type(task).__mro__)]
+    for owner, namespace in (*owners, (type(task).__name__, vars(task))):
+        own = namespace.get(attribute, {})
+        if hasattr(own, "__get__"):
+            own = own.__get__(task, type(task))
+        if not isinstance(own, Mapping):
+            raise TypeError(f"{attribute} of {owner} must be a dict, got {checks.shown(own)}")
+        for name, term in own.items():
+            if not isinstance(name, str) or not name or name.startswith("/") or name.endswith("/"):
+                raise ValueError(f"{attribute} of {owner} must have names as keys, got {checks.shown(name)}")
+            if term is None:
+                checks.choice(name, terms, f"term that {attribute} of {owner} removes")
+                del terms[name]
+            else:
+                terms[name] = term
+    return terms
+
+
+def added_functions(task: object, attribute: str) -> dict[str, Callable[[Any], Any]]:
+    """Returns terms as `added` does; raises a TypeError also for one that is no function."""
+    terms = added(task, attribute)
+    for name, term in terms.items():
+        if not callable(term):
+            owner = type(task).__name__
+            raise TypeError(f"{attribute}[{name!r}] of {owner} must be a function, got {checks.shown(term)}")
+    return terms
+
+
 def total(terms: Mapping[str, Array]) -> Array:
     """Returns the reward `(...)`, the sum of its terms."""
     return functools.reduce(operator.add, terms.values())

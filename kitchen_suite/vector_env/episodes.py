@@ -98,7 +98,7 @@ class BatchEpisodes:
             self.simulation,
             self._task.pusher,
             self._observations,
-            self._task.extra_terminations,
+            self._task.terminations,
             _joined([each.task.meter for each in distinct]),
         )
         randomizer = self._task.variations.randomizer

@@ -18,7 +18,7 @@ from helpers.sweeps import brief
 from kitchen_suite import entities, suite, tasks
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv
-from kitchen_suite.tasks import Observation
+from kitchen_suite.tasks import Observation, terms
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # By domain: what builds the scene, the task, and a free place for a mug [m].
@@ -215,7 +215,7 @@ def test_an_object_with_its_observations_rewards_and_termination_acts_in_all_fro
 @pytest.mark.full
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_a_copy_continues_with_the_noise_of_the_last_observation(domain):
-    with registered(domain, mug_task(domain, extra_terminations={})) as record:
+    with registered(domain, mug_task(domain, extra_terminations={"below": None})) as record:
         env = gymnasium.make(record.env_id).unwrapped
         env.reset(seed=3)
         rng = np.random.default_rng(0)
@@ -299,6 +299,105 @@ def _no_temporary_domains():
     yield
     for name in [name for name in suite.DOMAINS if name.startswith("temporary_")]:
         del suite._domains[name]
+
+
+# Classes that extend classes with terms
+
+
+class Mixin:
+    extra_rewards = {"mixed": lambda step: 2.0 * np.ones(step.action.shape[:-1])}
+    extra_terminations = {"mixed": lambda step: np.zeros(step.action.shape[:-1], bool)}
+    extra_observations = {"mixed": Observation(lambda simulation, state: state.joint_velocities[..., 1:2])}
+
+
+def one(step):
+    return np.ones(step.action.shape[:-1])
+
+
+def moves_up(step):
+    """Whether the first element of the action is positive."""
+    return step.action[..., 0] > 0.0
+
+
+def moves_down(step):
+    return step.action[..., 0] < 0.0
+
+
+class BaseTask(tasks.MicrowaveTableTask):
+    extra_rewards = {"one": one, "other": one}
+    extra_terminations = {"up": moves_up, "removed": lambda step: np.array(True)}
+    extra_observations = {
+        "first": Observation(lambda simulation, state: state.joint_velocities[..., :1]),
+        "hidden": Observation(lambda simulation, state: state.joint_velocities[..., 3:4]),
+    }
+
+
+class DerivedTask(Mixin, BaseTask):
+    extra_rewards = {"other": lambda step: 5.0 * one(step)}
+    extra_terminations = {"down": moves_down, "removed": None}
+
+    @property
+    def extra_observations(self):
+        return {"last": Observation(lambda simulation, state: state.joint_velocities[..., 2:3]), "hidden": None}
+
+
+@pytest.mark.full
+def test_terms_of_a_subclass_join_those_of_its_bases_in_all_front_ends():
+    with registered("microwave_table", DerivedTask) as record:
+        env = gymnasium.make(record.env_id)
+        envs = gymnasium.make_vec(record.env_id, 3)
+        environment = suite.load(record.name, "one", {"visuals": False})
+        reasons = ("up", "mixed", "down")
+        for action, reason in ((0.0, None), (0.5, "up"), (-0.5, "down")):
+            actions = np.zeros((3, 8), np.float32)
+            actions[:, 0] = action
+            _, info = env.reset(seed=1)
+            many, infos = envs.reset(seed=1)
+            environment.reset()
+            assert {key for key in info if key.startswith("termination/")} == {f"termination/{key}" for key in reasons}
+            observation, reward, terminated, _, info = env.step(actions[0])
+            many, rewards, terminations, _, infos = envs.step(actions)
+            timestep = environment.step(actions[0].astype(np.float64))
+            assert terminated == terminations[0] == (timestep.discount == 0.0) == (reason is not None)
+            for key in reasons:
+                assert info[f"termination/{key}"] == infos[f"termination/{key}"][0] == (key == reason)
+            for key, value in (("one", 1.0), ("other", 5.0), ("mixed", 2.0)):
+                assert info[f"reward/{key}"] == infos[f"reward/{key}"][0] == value
+                assert environment.task.reward_terms[key] == value
+            assert reward == rewards[0]
+            np.testing.assert_array_equal(observation, many[0])
+            velocities = env.unwrapped.composer_task.state.joint_velocities
+            np.testing.assert_array_equal(observation[-3:], velocities[:3].astype(np.float32))
+            assert list(timestep.observation)[-3:] == ["first", "mixed", "last"]
+        envs.close()
+
+
+def test_a_base_of_two_classes_does_not_undo_what_one_of_them_replaces():
+    base = type("Base", (), {"extra_rewards": {"a": 1, "b": 1}})
+    left = type("Left", (base,), {"extra_rewards": {"c": 2}})
+    right = type("Right", (base,), {"extra_rewards": {"a": 3, "b": None}})
+    both = type("Both", (left, right), {})
+    assert terms.added(both(), "extra_rewards") == {"a": 3, "c": 2}
+    again = type("Again", (both,), {"extra_rewards": {"b": 4}})()
+    again.extra_rewards = {"d": 5}
+    assert list(terms.added(again, "extra_rewards").items()) == [("a", 3), ("c", 2), ("b", 4), ("d", 5)]
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "words"),
+    [
+        ([], TypeError, ("must be a dict",)),
+        ({"up": 3}, TypeError, ("['up']", "3")),
+        ({3: one}, ValueError, ("names as keys", "3")),
+        ({"a/": one}, ValueError, ("names as keys", "'a/'")),
+        ({"upp": None}, ValueError, ("removes", "'upp' does not exist", "'up'")),
+    ],
+)
+def test_terms_that_cannot_be_are_refused_by_the_name_of_their_class(value, error, words):
+    base = type("Base", (), {"extra_rewards": {"up": one}})
+    task = type("Mine", (base,), {"extra_rewards": value})
+    with refused(error, "extra_rewards", "Mine", *words):
+        terms.added_functions(task(), "extra_rewards")
 
 
 # Hooks
