@@ -47,6 +47,7 @@ from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS as DRAWER_INSTRUCTIONS
 from kitchen_suite.tasks.variations import appearance, distributions
 from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, Choice, Distribution
+from kitchen_suite.training.ranges import ranges
 from kitchen_suite.training.recipes import BCHyperparameters, PPOHyperparameters
 
 DOCS = Path(__file__).resolve().parent.parent
@@ -686,16 +687,18 @@ def _vector(texts: Sequence[str]) -> str:
 def hyperparameter_table() -> str:
     """Returns the table of the hyperparameters with their defaults."""
     meanings = attributes(PPOHyperparameters)
+    intervals = ranges(PPOHyperparameters)
     defaults = {domain: PPOHyperparameters.defaults(domain) for domain in suite.DOMAINS}
     rows = [
         (
             f"`{each.name}`",
             meanings[each.name],
+            f"`{intervals[each.name]}`",
             *(format_value(getattr(values, each.name)) for values in defaults.values()),
         )
         for each in dataclasses.fields(PPOHyperparameters)
     ]
-    return markdown(("name", "meaning", *(f"`{domain}`" for domain in defaults)), rows)
+    return markdown(("name", "meaning", "range", *(f"`{domain}`" for domain in defaults)), rows)
 
 
 def format_value(value: object) -> str:
@@ -726,10 +729,12 @@ def _preset_arguments(preset: Any) -> str:
 def cloning_table() -> str:
     """Returns the table of the hyperparameters of behaviour cloning with their defaults."""
     meanings = attributes(BCHyperparameters)
+    intervals = ranges(BCHyperparameters)
     rows = [
-        (f"`{each.name}`", meanings[each.name], f"{each.default}") for each in dataclasses.fields(BCHyperparameters)
+        (f"`{each.name}`", meanings[each.name], f"`{intervals[each.name]}`", f"{each.default}")
+        for each in dataclasses.fields(BCHyperparameters)
     ]
-    return markdown(("name", "meaning", "default"), rows)
+    return markdown(("name", "meaning", "range", "default"), rows)
 
 
 # Conditions whose arguments are shown; of more, their number.

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from kitchen_suite.episodes.cluster import Cluster
     from kitchen_suite.episodes.spec import EnvironmentSpec
 
-# Largest number of steps that is accepted; beyond it a mistake is more likely than a wish.
-MAX_STEPS = 10**12
-
 # Size of the models' offscreen buffers [pixels].
 _MAX_WIDTH = 1920
 _MAX_HEIGHT = 1440

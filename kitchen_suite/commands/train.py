@@ -7,7 +7,17 @@ from absl.flags import DEFINE_boolean, DEFINE_enum, DEFINE_integer, DEFINE_list,
 from kitchen_suite import checks, suite
 from kitchen_suite.commands import flags
 from kitchen_suite.commands.command import Command
-from kitchen_suite.training.recipes import ALGORITHMS, BC, EVAL_EPISODES, MIN_PROGRESS, PPO, SCHEDULES, find_schedule
+from kitchen_suite.training.ranges import ranges
+from kitchen_suite.training.recipes import (
+    ALGORITHMS,
+    BC,
+    EVAL_EPISODES,
+    MIN_PROGRESS,
+    PPO,
+    SCHEDULES,
+    Schedule,
+    find_schedule,
+)
 
 DESCRIPTION = """Trains a policy by PPO on many environments at once, or by behaviour cloning. Needs the extra `train`.
 
@@ -40,13 +50,13 @@ def define(values: FlagValues) -> None:
     counts = "Episodes to learn from, or a number for each folder; else all."
     DEFINE_list("num_demonstrations", [], counts, values)
     flags.path(values, "initial_policy", "File of a trained policy to start from; else training is from scratch.")
-    _schedule_flag(values, "num_steps", "Steps at most: see --target_success", 0)
-    _schedule_flag(values, "eval_interval", "Steps between evaluations and checkpoints", 1)
+    _schedule_flag(values, "num_steps", "Steps at most: see --target_success")
+    _schedule_flag(values, "eval_interval", "Steps between evaluations and checkpoints")
     episodes = f"Episodes of an evaluation, on seeds held out; else {EVAL_EPISODES}."
-    DEFINE_integer("eval_episodes", None, episodes, 1, checks.MAX_ENVS, flag_values=values)
+    _integer(values, "eval_episodes", episodes)
     target = "Success rate of two evaluations in a row that ends training, above 1 for never"
     flags.number(values, "target_success", None, f"{target}; else {_by_domain('target_success')}.", minimum=0)
-    _schedule_flag(values, "patience", "Steps without --min_progress after which a seed is given up, 0 for never", 0)
+    _schedule_flag(values, "patience", "Steps without --min_progress after which a seed is given up, 0 for never")
     progress = f"Mean opening [m], or tasks completed, that is progress; else {MIN_PROGRESS}."
     flags.number(values, "min_progress", None, progress, minimum=0)
     flags.seed(values)
@@ -59,8 +69,14 @@ def define(values: FlagValues) -> None:
     flags.task(values)
 
 
-def _schedule_flag(values: FlagValues, name: str, help: str, minimum: int) -> None:
-    DEFINE_integer(name, None, f"{help}; else {_by_domain(name)}.", minimum, flags.MAX_STEPS, flag_values=values)
+def _schedule_flag(values: FlagValues, name: str, help: str) -> None:
+    _integer(values, name, f"{help}; else {_by_domain(name)}.")
+
+
+def _integer(values: FlagValues, name: str, help: str) -> None:
+    """Defines an integer of the schedule, with the bounds that it has there."""
+    bounds = ranges(Schedule)[name]
+    DEFINE_integer(name, None, help, int(bounds.low), int(bounds.high), flag_values=values)
 
 
 def _by_domain(name: str) -> str:

@@ -126,9 +126,9 @@ class RunningScaler(torch.nn.Module):
 
     @torch.no_grad()
     def update(self, vectors: torch.Tensor) -> None:
-        """Adds vectors `(n, m)`, two or more, to the statistics."""
-        variance, mean = torch.var_mean(vectors.double(), dim=0)
+        """Adds vectors `(n, m)` to the statistics; one alone has the variance 0."""
         count = vectors.shape[0]
+        variance, mean = torch.var_mean(vectors.double(), dim=0, correction=min(1, count - 1))
         total = self.current_count + count
         delta = mean - self.running_mean
         squares = self.running_variance * self.current_count + variance * count

@@ -1,15 +1,29 @@
 """Hyperparameters of PPO and of behaviour cloning, and the recipe of each domain: its own defaults."""
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from dm_env import specs
 
 from kitchen_suite import checks, suite
+from kitchen_suite.training.ranges import (
+    MAX_STEPS,
+    Coefficient,
+    Decay,
+    Epsilon,
+    Factor,
+    Fraction,
+    InRange,
+    Interval,
+    LearningRate,
+    SamplesOrPasses,
+    Size,
+    Steps,
+    Units,
+)
 
 PPO = "ppo"
 BC = "bc"
@@ -45,7 +59,7 @@ class Recipe:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Schedule:
+class Schedule(InRange):
     """When the policy of a seed is evaluated, and when its training stops.
 
     Steps are control steps over all environments, or steps of the optimiser in behaviour cloning.
@@ -59,12 +73,12 @@ class Schedule:
       min_progress: mean opening [m], or tasks completed, that is progress.
     """
 
-    num_steps: int
-    eval_interval: int
-    eval_episodes: int
-    target_success: float
-    patience: int
-    min_progress: float
+    num_steps: Steps
+    eval_interval: Annotated[int, Interval(1, MAX_STEPS)]
+    eval_episodes: Annotated[int, Interval(1, checks.MAX_ENVS)]
+    target_success: Coefficient
+    patience: Steps
+    min_progress: Coefficient
 
 
 def find_recipe(domain_name: str) -> Recipe:
@@ -141,23 +155,11 @@ OPEN_CABINET_RECIPE = Recipe(
 )
 
 
-Config = TypeVar("Config")
-
-# Hyperparameters that are divided by, or whose logarithm is taken.
-_POSITIVE = ("exploration", "standardisation_epsilon")
-
-# Greatest values, of those that have one: of factors, and of sizes beyond any machine's memory.
-_MAXIMA = {
-    **dict.fromkeys(("batch_size", "clone_epochs"), 2**20),
-    **dict.fromkeys(("num_envs", "rollouts", "mini_batches"), 2**16),
-    **dict.fromkeys(("hidden", "width", "features"), 2**14),
-    **dict.fromkeys(("chunk", "blocks", "shift"), 2**10),
-    **dict.fromkeys(("averaging", "discount", "gae_lambda"), 1),
-}
+Config = TypeVar("Config", bound=InRange)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PPOHyperparameters:
+class PPOHyperparameters(InRange):
     """Hyperparameters of PPO and of behaviour cloning before it.
 
     Policy and value function are multilayer perceptrons with ELU units and the same hidden layers.
@@ -167,7 +169,7 @@ class PPOHyperparameters:
       rollouts: control steps of each environment between updates (rollout length).
       learning_epochs: passes over the batch in an update.
       mini_batches: minibatches of each pass.
-      hidden: units of each hidden layer.
+      hidden: units of each hidden layer; without any, policy and value function are affine.
       learning_rate: initial learning rate of the policy (Adam).
       value_learning_rate: learning rate of the value network (Adam) at the start of each update.
       kl_target: Kullback-Leibler divergence of an update that the learning rates are adapted to; 0 keeps them constant.
@@ -177,41 +179,50 @@ class PPOHyperparameters:
       value_clip: clip range of the change of a value in an update, in standard deviations of the returns; 0 for none.
       value_scale: coefficient of the value loss.
       entropy_scale: entropy coefficient.
-      gradient_norm: maximum norm of the gradient, which is clipped to it.
+      gradient_norm: maximum norm of the gradient, which is clipped to it; 0 for none.
       averaging: decay of a moving average of the policy's weights, which is evaluated and exported; 0 for none.
       reward_scale: factor of the rewards.
       clone_epochs: passes over the demonstrations in behaviour cloning.
-      value_batches: batches after cloning that train the value network alone (value warm-up).
+      value_batches: batches after cloning that train the value network alone (value warm-up); 0 for none.
       exploration: initial standard deviation of the actions, in units of `action_scale`.
-      noise_correlation: correlation of the exploration noise of successive control steps, in [0, 1).
-      standardisation_epsilon: added to the standard deviations by which observations are divided; positive.
+      noise_correlation: correlation of the exploration noise of successive control steps.
+      standardisation_epsilon: added to the standard deviations by which observations are divided.
       action_scale: action for network outputs of one; without any, half the range of the action's elements, or 0.01 rad
         and a gripper logit of 2 in `joint_offset`.
     """
 
-    num_envs: int = 256
-    rollouts: int = 16
-    learning_epochs: int = 2
-    mini_batches: int = 4
-    hidden: tuple[int, ...] = (128, 128)
-    learning_rate: float = 1e-3
-    value_learning_rate: float = 1e-3
-    kl_target: float = 0.008
-    discount: float = 0.99
-    gae_lambda: float = 0.95
-    ratio_clip: float = 0.2
-    value_clip: float = 0.2
-    value_scale: float = 1.0
-    entropy_scale: float = 0.001
-    gradient_norm: float = 1.0
-    averaging: float = 0.0
-    reward_scale: float = 0.1
-    clone_epochs: int = 60
-    value_batches: int = 10
-    exploration: float = 1.0
-    noise_correlation: float = 0.9
-    standardisation_epsilon: float = 0.01
-    action_scale: tuple[float, ...] = ()
+    num_envs: Size = 256
+    rollouts: Size = 16
+    learning_epochs: SamplesOrPasses = 2
+    mini_batches: Size = 4
+    hidden: tuple[Units, ...] = (128, 128)
+    learning_rate: LearningRate = 1e-3
+    value_learning_rate: LearningRate = 1e-3
+    kl_target: Coefficient = 0.008
+    discount: Annotated[float, Interval(0, 1, open_low=True)] = 0.99
+    gae_lambda: Fraction = 0.95
+    ratio_clip: Annotated[float, Interval(0, 1, open_low=True)] = 0.2
+    value_clip: Coefficient = 0.2
+    value_scale: Factor = 1.0
+    entropy_scale: Coefficient = 0.001
+    gradient_norm: Coefficient = 1.0
+    averaging: Decay = 0.0
+    reward_scale: Factor = 0.1
+    clone_epochs: SamplesOrPasses = 60
+    value_batches: Annotated[int, Interval(0, 2**20)] = 10
+    exploration: Factor = 1.0
+    noise_correlation: Decay = 0.9
+    standardisation_epsilon: Epsilon = 0.01
+    action_scale: tuple[Factor, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raises a TypeError or a ValueError for values out of range, or that do not go together."""
+        super().__post_init__()
+        if self.batch_size < 2:
+            raise ValueError(f"rollouts must be at least 2 where num_envs is 1, got {self.rollouts}")
+        if self.batch_size % self.mini_batches:
+            steps = f"{self.batch_size} steps of a batch (num_envs * rollouts)"
+            raise ValueError(f"mini_batches {self.mini_batches} must divide the {steps}")
 
     @property
     def batch_size(self) -> int:
@@ -235,13 +246,7 @@ class PPOHyperparameters:
     @classmethod
     def for_domain(cls, domain_name: str, changes: Mapping[str, Any], *, cloning: bool = False) -> "PPOHyperparameters":
         """Returns the defaults of a domain, as in `defaults`, with some values changed; see `checked_changes`."""
-        config = checked_changes(cls.defaults(domain_name, cloning=cloning), changes)
-        if config.batch_size % config.mini_batches:
-            steps = f"{config.batch_size} steps of a batch (num_envs * rollouts)"
-            raise ValueError(f"mini_batches {config.mini_batches} must divide the {steps}")
-        if config.noise_correlation >= 1:
-            raise ValueError(f"noise_correlation must be below 1, got {config.noise_correlation}")
-        return config
+        return checked_changes(cls.defaults(domain_name, cloning=cloning), changes)
 
 
 def checked_changes(defaults: Config, changes: Mapping[str, Any]) -> Config:
@@ -251,29 +256,16 @@ def checked_changes(defaults: Config, changes: Mapping[str, Any]) -> Config:
       TypeError: a value has the wrong type.
       ValueError: a name is unknown, or a value is out of range.
     """
-    hints = get_type_hints(type(defaults))
-    values = {}
-    for name, value in changes.items():
-        _check(name, value, hints[checks.choice(name, hints.keys(), "hyperparameter")])
-        values[name] = tuple(value) if isinstance(value, list) else value
-    return dataclasses.replace(defaults, **values)  # type: ignore[type-var]
-
-
-def _check(name: str, value: Any, kind: Any) -> None:
-    """Raises a TypeError or ValueError for a value, as read from JSON, of another type or out of range."""
-    elements = get_args(kind)
-    if elements and not (isinstance(value, list) and value):
-        raise TypeError(f"{name} must be a list of numbers, got {checks.shown(value)}")
-    for number in value if elements else [value]:
-        if int in (kind, *elements):
-            checks.integer(number, name, minimum=1, maximum=_MAXIMA.get(name))
-        else:
-            positive = bool(elements) or name in _POSITIVE
-            checks.number(number, name, positive=positive, maximum=_MAXIMA.get(name, math.inf))
+    names = [field.name for field in dataclasses.fields(defaults)]
+    values = {
+        checks.choice(name, names, "hyperparameter"): tuple(value) if isinstance(value, list) else value
+        for name, value in changes.items()
+    }
+    return dataclasses.replace(defaults, **values)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class BCHyperparameters:
+class BCHyperparameters(InRange):
     """Hyperparameters of behaviour cloning in chunks of actions.
 
     The network is residual: blocks with normalisation and SiLU units.
@@ -287,31 +279,34 @@ class BCHyperparameters:
       learning_rate: of the optimiser (AdamW) at first; it falls to 0 like half a cosine.
       weight_decay: of the optimiser.
       averaging: decay of the moving average of the policy's weights, which is evaluated and exported.
-      standardisation_epsilon: added to the standard deviations by which inputs are divided; positive.
+      standardisation_epsilon: added to the standard deviations by which inputs are divided.
       input_noise: standard deviation of normal noise on the inputs in training, in units of their standard deviations.
       features: number of features of each camera's picture; from pictures alone, as `shift` and `tint`.
       shift: greatest displacement of pictures in training [pixels].
       tint: greatest change of contrast, and twice that of brightness, of each colour of pictures in training.
     """
 
-    width: int = 384
-    blocks: int = 3
-    chunk: int = 8
-    executed: int = 1
-    batch_size: int = 512
-    learning_rate: float = 1e-3
-    weight_decay: float = 1e-4
-    averaging: float = 0.999
-    standardisation_epsilon: float = 0.01
-    input_noise: float = 0.0
-    features: int = 128
-    shift: int = 1
-    tint: float = 0.2
+    width: Units = 384
+    blocks: Annotated[int, Interval(0, 2**10)] = 3
+    chunk: Annotated[int, Interval(1, 2**10)] = 8
+    executed: Annotated[int, Interval(1, 2**10)] = 1
+    batch_size: SamplesOrPasses = 512
+    learning_rate: LearningRate = 1e-3
+    weight_decay: Coefficient = 1e-4
+    averaging: Decay = 0.999
+    standardisation_epsilon: Epsilon = 0.01
+    input_noise: Coefficient = 0.0
+    features: Units = 128
+    shift: Annotated[int, Interval(0, 2**10)] = 1
+    tint: Fraction = 0.2
+
+    def __post_init__(self) -> None:
+        """Raises a TypeError or a ValueError for values out of range, or that do not go together."""
+        super().__post_init__()
+        if self.executed > self.chunk:
+            raise ValueError(f"executed must be at most chunk, {self.chunk}, got {self.executed}")
 
     @classmethod
     def changed(cls, changes: Mapping[str, Any]) -> "BCHyperparameters":
         """Returns the defaults with some values changed; see `checked_changes`."""
-        config = checked_changes(cls(), changes)
-        if config.executed > config.chunk:
-            raise ValueError(f"executed must be at most chunk, {config.chunk}, got {config.executed}")
-        return config
+        return checked_changes(cls(), changes)

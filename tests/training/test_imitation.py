@@ -76,6 +76,16 @@ def test_learning_lowers_the_error_of_the_exported_policy():
     assert errors(taught.export(METADATA)) < 0.5 * before
 
 
+def test_a_learner_of_the_least_hyperparameters_learns_and_is_exported():
+    taught = learner(
+        num_steps=20, blocks=0, chunk=1, width=1, batch_size=1, averaging=0.0, features=1, shift=0, tint=0.0
+    )
+    assert np.isfinite([*taught.learn().values()]).all()
+    policy = taught.export(METADATA)
+    assert policy.network.blocks == ()
+    assert np.isfinite(policy.predict(demonstrations().inputs[0])).all()
+
+
 def test_an_exported_network_is_that_of_the_learner():
     import torch
 
@@ -291,7 +301,7 @@ def test_bad_arguments_are_refused_in_one_line(imitate, tmp_path, flags):
 def test_a_diverged_run_ends_with_one_line():
     from kitchen_suite.training.run import DivergedError
 
-    taught = learner(num_steps=100, learning_rate=1e30)
+    taught = learner(num_steps=100, weight_decay=1e38)
     with pytest.raises(DivergedError, match=r"^after 100 steps .* is no longer finite: lower the learning rate$"):
         taught.learn()
 
