@@ -93,7 +93,10 @@ def run(given: FlagValues) -> None:
     checks.installed(("tensorboard", "torch"), "kitchen-train", "train")
 
     from kitchen_suite.episodes import video
+    from kitchen_suite.episodes.report import Report, print_line
     from kitchen_suite.episodes.spec import EnvironmentSpec
+    from kitchen_suite.policies import PolicyRef
+    from kitchen_suite.training.run import EVALUATION_SEEDS
     from kitchen_suite.training.train import train
 
     spec = EnvironmentSpec.make(given.domain_name, given.task_name, flags.environment_kwargs(given))
@@ -118,16 +121,11 @@ def run(given: FlagValues) -> None:
         resume=given.resume,
     )
     if given.video:
-        _film(best, given.video)
-
-
-def _film(policy_file: Path, path: Path) -> None:
-    """Films an episode of a policy in the task that it was trained for."""
-    from kitchen_suite.commands import play
-    from kitchen_suite.training.run import EVALUATION_SEEDS
-
-    arguments = [f"--policy_file={policy_file}", f"--video={path}", f"--seed={EVALUATION_SEEDS}", "--num_episodes=1"]
-    play.COMMAND.run(*play.COMMAND.parse(arguments))
+        policy = PolicyRef.parse(f"trained(file={str(best)!r})")
+        episode = spec.episodes(policy, seed=EVALUATION_SEEDS, seeding="dm_control").with_observables(policy)
+        summary = video.film(given.video, episode, policy)
+        print_line(Report(last_seed=EVALUATION_SEEDS).add(summary))
+        print_line(f"video {given.video}")
 
 
 COMMAND = Command(name="kitchen-train", description=DESCRIPTION, define=define, run=run)

@@ -13,8 +13,12 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
 from kitchen_suite.environment import Environment
-from kitchen_suite.episodes.episode import EpisodeBuffer, Watch
+from kitchen_suite.episodes.episode import EpisodeBuffer, Summary, Watch
+from kitchen_suite.episodes.play import SingleRollout
 from kitchen_suite.episodes.report import counted, print_line
+from kitchen_suite.episodes.spec import EpisodeSpec
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.policies import PolicyRef
 from kitchen_suite.rendering import cameras
 
 
@@ -165,3 +169,46 @@ class EpisodeVideo:
 
     def _render(self) -> NDArray[np.uint8]:
         return self._environment.physics.render(self._height, self._width, camera_id=self._camera)
+
+
+def film(
+    path: Path,
+    spec: EpisodeSpec,
+    policy: PolicyRef,
+    *,
+    camera: str = "overview",
+    width: int = 640,
+    height: int = 480,
+    frames_per_second: float = 12.5,
+    render_quality: str = "fast",
+) -> Summary:
+    """Plays the episode of a specification's seed in this process, and films it.
+
+    Args:
+      path: mp4 file to write; an existing one is replaced.
+      spec: of the episode.
+      policy: that acts.
+      camera: name of a camera of the scene.
+      width: of a frame [pixels], even.
+      height: of a frame [pixels], even.
+      frames_per_second: at most; there is at most one frame for each control step. The default is enough to follow a
+        motion, and few enough to be rendered without a graphics card.
+      render_quality: `high` or `fast`.
+
+    Returns the summary of the episode.
+    """
+    rollout = SingleRollout(spec, policy.builder(spec.policy_sha256), visuals=True, render_quality=render_quality)
+    with contextlib.closing(rollout.environment):
+        spec.check_policy(policy, rollout.environment)
+        video = EpisodeVideo(
+            path,
+            suite_env(rollout.environment).environment,
+            camera=camera,
+            width=width,
+            height=height,
+            frames_per_second=frames_per_second,
+            num_episodes=1,
+            max_steps=spec.max_episode_steps,
+        )
+        with video.open() as watch:
+            return rollout.play(0, spec.seed, watch).summary

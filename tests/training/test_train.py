@@ -16,6 +16,7 @@ from helpers.processes import open_process
 
 from kitchen_suite import checks
 from kitchen_suite.commands import play, train
+from kitchen_suite.episodes import video
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
 from kitchen_suite.rendering import gl
 
@@ -443,7 +444,7 @@ def test_help_lists_every_flag(run, flag):
 @pytest.mark.rendering
 def test_the_best_policy_is_filmed_at_the_end(run, monkeypatch):
     # The start and one more frame of the seven seconds.
-    monkeypatch.setattr(play, "_VIDEO_FPS", 0.2)
+    monkeypatch.setattr(video, "film", functools.partial(video.film, frames_per_second=0.2))
     status, out, err = run("--num_steps=64", "--video=film.mp4")
     assert (status, err) == (0, "")
     assert out.splitlines()[-1] == "video film.mp4"
