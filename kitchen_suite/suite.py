@@ -3,6 +3,7 @@
 Importing this module registers the Gymnasium ids and does not import dm_control.
 """
 
+import contextlib
 import json
 import re
 from collections.abc import Callable, Mapping
@@ -138,15 +139,16 @@ _REGISTRATION_STEPS = 10
 def _check_front_ends(domain: Domain) -> None:
     """Raises a ValueError unless the environments of a domain's default task are the same in all three front ends."""
     task, env_id = domain.default_task, domain.task_ids[domain.default_task]
-    single = gymnasium.make(env_id, disable_env_checker=True)
-    many = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", num_threads=1)
-    try:
+    with contextlib.ExitStack() as stack:
+        single = gymnasium.make(env_id, disable_env_checker=True)
+        stack.callback(single.close)
+        many = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", num_threads=1)
+        stack.callback(many.close)
         _check_equal("action space", single.action_space, many.single_action_space, env_id)
         _check_equal("observation space", single.observation_space, many.single_observation_space, env_id)
-        _check_episodes(single, many, domain.load(**domain.tasks[task], time_limit=None, visuals=False))
-    finally:
-        single.close()
-        many.close()
+        environment = domain.load(**domain.tasks[task], time_limit=None, visuals=False)
+        stack.callback(environment.close)
+        _check_episodes(single, many, environment)
 
 
 def _check_episodes(single: gymnasium.Env, many: Any, environment: "Environment") -> None:

@@ -3,6 +3,7 @@
 `kitchen_suite.lerobot` registers them with LeRobot.
 """
 
+import contextlib
 import functools
 import json
 from collections.abc import Mapping, Sequence
@@ -14,6 +15,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from kitchen_suite.closing import closed_on_error
 from kitchen_suite.datasets.lerobot import Feature, LeRobotObservations, frames_per_second
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -110,7 +112,9 @@ def make_vector_env(
     quality = {} if "render_quality" in spec.task_kwargs else {"render_quality": "fast"}
     size = {name: value for name, value in _FILM_SIZE.items() if name not in spec.task_kwargs}
     arguments = {**quality, **size, **rendering}
-    return LeRobotVectorEnv(spec.make_vector_env(num_envs, num_threads, AutoresetMode.SAME_STEP, **arguments))
+    environments = spec.make_vector_env(num_envs, num_threads, AutoresetMode.SAME_STEP, **arguments)
+    with closed_on_error([environments]):
+        return LeRobotVectorEnv(environments)
 
 
 def features_of(spec: EnvironmentSpec) -> tuple[tuple[Feature, ...], int]:
@@ -121,5 +125,6 @@ def features_of(spec: EnvironmentSpec) -> tuple[tuple[Feature, ...], int]:
 @functools.cache
 def _features_of(spec: str) -> tuple[tuple[Feature, ...], int]:
     """Returns what `features_of` does, for the JSON of a specification: LeRobot makes configs several times."""
-    environment = suite_env(EnvironmentSpec(**json.loads(spec)).make_environment())
-    return tuple(LeRobotObservations(environment).features), frames_per_second(environment)
+    with contextlib.closing(EnvironmentSpec(**json.loads(spec)).make_environment()) as made:
+        environment = suite_env(made)
+        return tuple(LeRobotObservations(environment).features), frames_per_second(environment)

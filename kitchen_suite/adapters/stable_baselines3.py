@@ -16,6 +16,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from kitchen_suite import checks, signatures
+from kitchen_suite.closing import closed_on_error
 from kitchen_suite.evaluation.evaluate import Evaluation, evaluate
 from kitchen_suite.evaluation.plan import Replaced, make_plan
 from kitchen_suite.policies import BATCH, PolicyRef
@@ -191,12 +192,13 @@ def make_vec_env(
         **arguments,
         **settings,
     )
-    adapted = SuiteVecEnv(cast(SuiteVectorEnv, environments), info_keys=info_keys)
-    file = None
-    if monitor_dir is not None:
-        os.makedirs(monitor_dir, exist_ok=True)
-        file = os.path.join(monitor_dir, str(start_index))
-    monitored = VecMonitor(adapted, file, **of_monitor)
+    with closed_on_error([environments]):
+        adapted = SuiteVecEnv(cast(SuiteVectorEnv, environments), info_keys=info_keys)
+        file = None
+        if monitor_dir is not None:
+            os.makedirs(monitor_dir, exist_ok=True)
+            file = os.path.join(monitor_dir, str(start_index))
+        monitored = VecMonitor(adapted, file, **of_monitor)
     if seed is not None:
         monitored.seed(seed)
         monitored.action_space.seed(seed)

@@ -1,5 +1,6 @@
 """The command `kitchen-view`."""
 
+import contextlib
 from typing import TYPE_CHECKING
 
 from absl.flags import DEFINE_boolean, DEFINE_integer, DEFINE_string, FlagValues
@@ -86,10 +87,11 @@ def _show(given: FlagValues, choice: "Choice") -> None:
     from kitchen_suite.viewer.viewer import show
 
     episode = started_episode(choice, given.seed, render_quality=given.render_quality)
-    flags.prepare_images(episode.spec)
-    find_camera(episode.physics, given.camera)
-    token = "" if given.no_token else new_token()
-    show(episode, choice, camera=given.camera, render_quality=given.render_quality, port=given.port, token=token)
+    with contextlib.closing(episode):
+        flags.prepare_images(episode.spec)
+        find_camera(episode.physics, given.camera)
+        token = "" if given.no_token else new_token()
+        show(episode, choice, camera=given.camera, render_quality=given.render_quality, port=given.port, token=token)
 
 
 def _teleoperate(given: FlagValues, choice: "Choice") -> None:
@@ -102,23 +104,24 @@ def _teleoperate(given: FlagValues, choice: "Choice") -> None:
     source = Recording.open(given.start_from) if given.start_from else None
     recorded = source.load(given.start_episode) if source else None
     episode = persons_episode(choice, source.spec if source else None, render_quality=given.render_quality)
-    flags.prepare_images(episode.spec)
-    find_camera(episode.physics, given.camera)
-    # Last, so that bad arguments leave no folder.
-    collection = Collection(given.output, episode.spec) if given.output else None
-    if recorded:
-        episode.start_from(recorded, given.start_step)
-    else:
-        episode.start(collection.next_seed(given.seed) if collection else given.seed)
-    teleoperate(
-        episode,
-        choice,
-        collection=collection,
-        camera=given.camera,
-        render_quality=given.render_quality,
-        port=given.port,
-        token="" if given.no_token else new_token(),
-    )
+    with contextlib.closing(episode):
+        flags.prepare_images(episode.spec)
+        find_camera(episode.physics, given.camera)
+        # Last, so that bad arguments leave no folder.
+        collection = Collection(given.output, episode.spec) if given.output else None
+        if recorded:
+            episode.start_from(recorded, given.start_step)
+        else:
+            episode.start(collection.next_seed(given.seed) if collection else given.seed)
+        teleoperate(
+            episode,
+            choice,
+            collection=collection,
+            camera=given.camera,
+            render_quality=given.render_quality,
+            port=given.port,
+            token="" if given.no_token else new_token(),
+        )
 
 
 COMMAND = Command(name="kitchen-view", description=DESCRIPTION, define=define, run=run)

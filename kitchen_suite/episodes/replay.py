@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.closing import closed_on_error
 from kitchen_suite.episodes.episode import PHYSICS_STATE, Episode, EpisodeBuffer, Watch, ignore
 from kitchen_suite.episodes.play import episode_name
 from kitchen_suite.episodes.recording import Recording
@@ -183,11 +184,12 @@ class Replay:
         self.recording = recording
         self.indices = choose(recording.indices, episodes, count)
         self.environment = recording.spec.make_environment(**rendering)
-        try:
-            # The first reset compiles the model, and the size of its images with it.
-            self.environment.reset()
-        except RuntimeError as error:
-            raise OSError(f"the recording holds images: {error}") from error
+        with closed_on_error([self.environment]):
+            try:
+                # The first reset compiles the model, and the size of its images with it.
+                self.environment.reset()
+            except RuntimeError as error:
+                raise OSError(f"the recording holds images: {error}") from error
 
     def __iter__(self) -> Iterator[tuple[int, Comparison]]:
         return self.run()

@@ -8,6 +8,7 @@ from lerobot.envs import EnvConfig
 
 from kitchen_suite import suite
 from kitchen_suite.adapters.lerobot_env import LeRobotVectorEnv, features_of, make_vector_env
+from kitchen_suite.closing import closed_on_error
 from kitchen_suite.datasets.lerobot import OBS_TYPES
 from kitchen_suite.domains.base import Domain
 from kitchen_suite.episodes.spec import EnvironmentSpec, merged_kwargs
@@ -73,10 +74,10 @@ class SuiteEnvConfig(EnvConfig):
 
         Threads step them, whatever `use_async_envs`.
         """
-        each = (
-            make_vector_env(spec, n_envs, num_threads=self.num_threads, render_mode=self.render_mode)
-            for spec in self._specs()
-        )
+        each: list[LeRobotVectorEnv] = []
+        with closed_on_error(each):
+            for spec in self._specs():
+                each.append(make_vector_env(spec, n_envs, num_threads=self.num_threads, render_mode=self.render_mode))
         return {self.domain_name: dict(enumerate(each))}
 
     def _specs(self) -> list[EnvironmentSpec]:

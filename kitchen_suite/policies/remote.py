@@ -20,6 +20,7 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage, WebSocketExc
 from websockets.sync.client import ClientConnection, connect
 
 from kitchen_suite import checks
+from kitchen_suite.closing import closed_on_error
 
 MAX_BYTES = 2**24  # Of an answer: far more than a chunk of actions takes.
 _PAUSES = (0.25, 0.5, 1.0, 2.0, 4.0)  # Before further attempts [s]: the server may be starting.
@@ -48,7 +49,11 @@ class RemotePolicy:
         self._connection: ClientConnection | None = None
         self._chunk: collections.deque[NDArray] = collections.deque()
         self.metadata: dict[Any, Any] = {}
-        self._ask(None)
+        self._closing = contextlib.ExitStack()
+        # The threads of connections would keep them open until the process ends.
+        weakref.finalize(self, self._closing.close)
+        with closed_on_error([self._closing]):
+            self._ask(None)
 
     def __call__(self, timestep: dm_env.TimeStep) -> NDArray:
         if timestep.first():
@@ -91,9 +96,11 @@ class RemotePolicy:
     def _connect(self) -> ClientConnection:
         """Returns a new connection, which is direct, and without pings, since a busy server does not answer them."""
         limits: dict[str, Any] = {"max_size": MAX_BYTES, "open_timeout": self._timeout, "close_timeout": 1.0}
-        # Its thread would keep it open until the process ends.
-        weakref.finalize(self, (stack := contextlib.ExitStack()).close)
-        return stack.enter_context(connect(self._address, compression=None, proxy=None, ping_interval=None, **limits))
+        # The one that was lost.
+        self._closing.close()
+        return self._closing.enter_context(
+            connect(self._address, compression=None, proxy=None, ping_interval=None, **limits)
+        )
 
 
 def _actions(answer: dict[Any, Any], size: int) -> NDArray:

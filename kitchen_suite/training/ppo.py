@@ -25,6 +25,7 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
 from kitchen_suite import checks, suite
+from kitchen_suite.closing import closed_on_error
 from kitchen_suite.episodes.play import Controller, NetworkController
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.policies.networks import CLIP
@@ -713,10 +714,11 @@ class PPOTraining:
         self.max_episode_steps = training.max_episode_steps
         options = {"autoreset_mode": AutoresetMode.SAME_STEP, **spec.env_class.flat_options}
         self.environments = training.make_vector_env(config.num_envs, num_threads, **options)
-        task = self.environments.composer_task
-        self.config = config.for_actions(task.mdp.action_mode.spec(task.robot))
-        self._initial_policy = _load_initial_policy(initial_policy, spec) if initial_policy else None
-        self.demonstrations = self._load_demonstrations(demonstrations, spec) if demonstrations else None
+        with closed_on_error([self]):
+            task = self.environments.composer_task
+            self.config = config.for_actions(task.mdp.action_mode.spec(task.robot))
+            self._initial_policy = _load_initial_policy(initial_policy, spec) if initial_policy else None
+            self.demonstrations = self._load_demonstrations(demonstrations, spec) if demonstrations else None
         given = self._initial_policy.arrays.values() if self._initial_policy else ()
         self.data: tuple[NDArray, ...] = (*(self.demonstrations or ()), *given)
 

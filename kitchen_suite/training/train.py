@@ -95,8 +95,11 @@ def train(
         )
     evaluation = dataclasses.replace(spec, max_episode_steps=training.max_episode_steps)
     count = min(schedule.eval_episodes, _EVALUATION_ENVS)
-    environments = evaluation.make_vector_env(count, num_threads, **spec.env_class.flat_options)
-    with contextlib.closing(training), contextlib.closing(environments), _one_thread():
+    with contextlib.ExitStack() as stack:
+        stack.callback(training.close)
+        environments = evaluation.make_vector_env(count, num_threads, **spec.env_class.flat_options)
+        stack.callback(environments.close)
+        stack.enter_context(_one_thread())
         # Raises a ValueError if hyperparameters or initial policy do not fit the environments.
         training.make_learner(seed)
         description = RunDescription(

@@ -21,6 +21,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.closing import closed_on_error
 from kitchen_suite.environment.edits import ModelSnapshot
 from kitchen_suite.environment.seeds import checked_stride
 from kitchen_suite.gymnasium_env.base import INSTRUCTION, RESET_MASK, STATE, SuiteEnv
@@ -112,6 +113,11 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         limit = None if max_episode_steps == -1 else max_episode_steps
         self._step_limit = np.iinfo(np.int64).max if limit is None else limit
         self._templates = self._make_templates(max_episode_steps=limit, **settings)
+        with closed_on_error(dict.fromkeys(self._templates)):
+            self._build(threads, seed_stride)
+
+    def _build(self, threads: int, seed_stride: int) -> None:
+        """Builds the environments of the single ones; for the arguments see `BatchEpisodes`."""
         written: set[str] = set()
         for template in dict.fromkeys(self._templates):
             check_entities(template)

@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from kitchen_suite.closing import closed_on_error
 from kitchen_suite.entities.designs import Design, KitchenDesign
 from kitchen_suite.gymnasium_env.generated_kitchens import GeneratedKitchenEnv
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -29,16 +30,18 @@ class GeneratedKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
             raise ValueError("design must have at least one design, got an empty sequence")
         made: dict[KitchenDesign, GeneratedKitchenEnv] = {}
         templates = []
-        for i, each in enumerate(design[: self.num_envs]):
-            try:
-                checked = KitchenDesign.make(each, split)
-                if checked not in made:
-                    made[checked] = GeneratedKitchenEnv(checked, split, **settings)
-                templates.append(made[checked])
-                if templates[-1].observation_space != templates[0].observation_space:
-                    raise ValueError("extra_observables have other sizes than in design[0]: leave them out")
-            except (TypeError, ValueError) as error:
-                raise (ValueError if isinstance(error, ValueError) else TypeError)(f"design[{i}]: {error}") from error
+        with closed_on_error(made.values()):
+            for i, each in enumerate(design[: self.num_envs]):
+                try:
+                    checked = KitchenDesign.make(each, split)
+                    if checked not in made:
+                        made[checked] = GeneratedKitchenEnv(checked, split, **settings)
+                    templates.append(made[checked])
+                    if templates[-1].observation_space != templates[0].observation_space:
+                        raise ValueError("extra_observables have other sizes than in design[0]: leave them out")
+                except (TypeError, ValueError) as error:
+                    kind = ValueError if isinstance(error, ValueError) else TypeError
+                    raise kind(f"design[{i}]: {error}") from error
         return templates
 
     def _instructions_of_episodes(self) -> Sequence[tuple[str, ...]]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.closing import closed_on_error
 from kitchen_suite.episodes.report import print_line
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.names import EXTRA_PACKAGES
@@ -44,14 +45,15 @@ class InterventionWrapper(gymnasium.Wrapper):
 
         super().__init__(env)
         self._inner = suite_env(env)
-        self._closing = contextlib.ExitStack()
+        self._closing = closing = contextlib.ExitStack()
         self._given: NDArray[np.float32] = np.zeros(0, np.float32)
         self._policy = TeleoperatedPolicy(self._inner.composer_task, lambda timestep: self._given)
         secret = new_token() if checks.boolean(token, "token") else ""
-        server = self._closing.enter_context(local_server(port, "kitchen-suite", secret))
-        self.address = address_of(port, secret)
-        self._page = LivePage(server, exclusive=True)
-        HandPanel(self._page, lambda: self._policy)
+        with closed_on_error([closing]):
+            server = closing.enter_context(local_server(port, "kitchen-suite", secret))
+            self.address = address_of(port, secret)
+            self._page = LivePage(server, exclusive=True)
+            HandPanel(self._page, lambda: self._policy)
         self._stage: Stage | None = None
         self._timestep: dm_env.TimeStep | None = None
         self._due = 0.0

@@ -7,6 +7,7 @@ from typing import Any
 
 from dm_control import mjcf
 
+from kitchen_suite.closing import closed_on_error
 from kitchen_suite.episodes.play import SingleRollout
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -143,5 +144,6 @@ def started_episode(choice: Choice, seed: int, *, render_quality: str) -> LiveEp
     policy = PolicyRef.parse(choice.policy or DEFAULT_POLICY)
     spec = choice.spec(policy).prepared(policy)
     episode = LiveEpisode(spec, policy.builder(spec.policy_sha256), render_quality=render_quality)
-    episode.start(seed)
+    with closed_on_error([episode]):
+        episode.start(seed)
     return episode

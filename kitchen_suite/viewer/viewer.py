@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Never
 
+from kitchen_suite.closing import closed_on_error
 from kitchen_suite.episodes.play import REWIND_STEPS
 from kitchen_suite.episodes.report import print_line
 from kitchen_suite.rendering.cameras import camera_names, find_camera
@@ -309,9 +310,10 @@ def teleoperate(
 
     def start(other: Choice, seed: int) -> TeleoperatedEpisode:
         loaded = persons_episode(other, render_quality=render_quality)
-        if collection:
-            collection.check(loaded.spec)
-        loaded.start(collection.next_seed(seed) if collection else seed)
+        with closed_on_error([loaded]):
+            if collection:
+                collection.check(loaded.spec)
+            loaded.start(collection.next_seed(seed) if collection else seed)
         return loaded
 
     with local_server(port, "kitchen-view", token) as server:
@@ -322,5 +324,8 @@ def teleoperate(
 
 def _play(viewer: Viewer, address: str) -> Never:
     print_line(f"{address}  (Ctrl-C ends)")
-    while True:
-        viewer.update()
+    try:
+        while True:
+            viewer.update()
+    finally:
+        viewer.episode.close()
