@@ -231,6 +231,8 @@ def cluster(values: flags.FlagValues) -> None:
     flags.DEFINE_integer("workers", None, text, 1, 10_000, flag_values=values)
     address = "Ray cluster of the workers: HOST:PORT, ray://HOST:PORT, or auto; else one is started for the command."
     flags.DEFINE_string("ray_address", None, address, values)
+    text = "Processors that each worker reserves with Ray, such as 0.5; else one for each of its threads."
+    number(values, "cpus_per_worker", None, text, minimum=0.01, maximum=checks.MAX_THREADS)
 
 
 def page(values: flags.FlagValues) -> None:
@@ -293,7 +295,8 @@ def make_cluster(given: flags.FlagValues) -> "Cluster | None":
     from kitchen_suite.episodes.cluster import Cluster
 
     if given.workers is None:
-        if given.ray_address:
-            raise ValueError("ray_address needs the number of workers there")
+        for name in ("ray_address", "cpus_per_worker"):
+            if given[name].value is not None:
+                raise ValueError(f"{name} needs the number of workers there")
         return None
-    return Cluster(given.workers, given.ray_address)
+    return Cluster(given.workers, given.ray_address, given.cpus_per_worker)

@@ -119,7 +119,7 @@ def _play_on_cluster(given: FlagValues, spec: "EpisodeSpec", policy: "PolicyRef"
             check_file_size(environment.observation_space, spec.max_episode_steps)
         spec.check_policy(policy, environment)
     numbers = [(index, spec.seed + index) for index in range(given.num_episodes)]
-    with contextlib.closing(cluster.run(play_singly, (spec, policy), numbers, num_cpus=1)) as episodes:
+    with contextlib.closing(cluster.run(play_singly, (spec, policy), numbers, num_threads=1)) as episodes:
         _print(spec, episodes, given.num_episodes, _begin(spec, given.output))
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from kitchen_suite import checks
+from kitchen_suite.vector_env.base import processors
 from kitchen_suite.versions import installed_versions
 
 T = TypeVar("T")
@@ -20,6 +21,9 @@ T = TypeVar("T")
 # Parts into which the episodes are split for each worker: the more, the less is lost with a worker, and the more evenly
 # they end; the fewer, the less often environments are built.
 _PARTS = 4
+
+# Least processors that a worker reserves, far above Ray's resolution.
+MIN_CPUS = 0.01
 
 # Times that Ray plays a part again whose worker has died.
 _MAX_RETRIES = 3
@@ -40,6 +44,10 @@ class Cluster:
       workers: number of processes that play episodes.
       address: `HOST:PORT` of the head of a running cluster, `ray://HOST:PORT` of its client server, or `auto` for the
         cluster that this machine belongs to; None starts Ray on this machine while episodes are played.
+      cpus_per_worker: processors that each worker reserves with Ray; as many as it has threads when None. Less than 1
+        is for policies that wait for a server, more for those with threads of their own.
+
+    Workers play at once as far as their processors are free, those of this machine where Ray is started here.
 
     Raises an ImportError if Ray is not installed, an OSError if nothing answers at the address, a ValueError for a bad
     one.
@@ -47,28 +55,36 @@ class Cluster:
 
     workers: int
     address: str | None = None
+    cpus_per_worker: float | None = None
 
     def __post_init__(self) -> None:
         checks.integer(self.workers, "workers", minimum=1)
+        if self.cpus_per_worker is not None:
+            cpus = checks.number(self.cpus_per_worker, "cpus_per_worker", maximum=checks.MAX_THREADS)
+            if cpus < MIN_CPUS:
+                raise ValueError(f"cpus_per_worker must be at least {MIN_CPUS:g}, got {self.cpus_per_worker}")
         if importlib.util.find_spec("ray") is None:
             raise ImportError(f"workers need Ray: {checks.install_command('ray')}")
         if self.address not in (None, "auto"):
             _check_reachable(self.address)
 
     def run(
-        self, function: Callable[..., list[T]], arguments: Sequence[Any], items: Sequence[Any], *, num_cpus: int
+        self, function: Callable[..., list[T]], arguments: Sequence[Any], items: Sequence[Any], *, num_threads: int
     ) -> Generator[T, None, None]:
         """Calls `function(part, *arguments)` for parts of the items on the workers; yields all results.
 
-        Ray calls it again for a part whose worker dies: the function must return the same for the same part.
+        Ray calls it again for a part whose worker dies: the function must return the same for the same part. Each call
+        uses `num_threads` threads.
 
         Raises a ClusterError if Ray cannot be used, and any exception that the function raises.
         """
-        with self._connected(self.workers * num_cpus) as ray:
+        num_cpus = num_threads if self.cpus_per_worker is None else self.cpus_per_worker
+        with self._connected() as ray:
             sizes = [node["Resources"].get("CPU", 0) for node in ray.nodes() if node["Alive"]]
             if num_cpus > max(sizes, default=0):
                 largest = f"{max(sizes, default=0):g}"
-                raise ClusterError(f"a worker needs {num_cpus} processors, and no machine has more than {largest}")
+                reserved = f"a worker reserves {num_cpus:g} processors, and no machine has more than {largest}"
+                raise ClusterError(f"{reserved}: lower num_threads or cpus_per_worker")
             remote = ray.remote(num_cpus=num_cpus, max_retries=_MAX_RETRIES)(_checked)
             size = max(1, -(-len(items) // (self.workers * _PARTS)))
             parts = [items[first : first + size] for first in range(0, len(items), size)]
@@ -86,7 +102,7 @@ class Cluster:
                     ray.cancel(each, force=True)
 
     @contextlib.contextmanager
-    def _connected(self, num_cpus: int) -> Iterator[Any]:
+    def _connected(self) -> Iterator[Any]:
         """Connects to Ray, and disconnects or stops it at the end; uses the connection that the program has, if any."""
         with _environment_defaults():
             import ray
@@ -94,7 +110,7 @@ class Cluster:
             if ray.is_initialized():
                 yield ray
                 return
-            own = {"num_cpus": num_cpus, "include_dashboard": False} if self.address is None else {}
+            own = {"num_cpus": processors(), "include_dashboard": False} if self.address is None else {}
             handler = signal.getsignal(signal.SIGTERM)
             try:
                 try:

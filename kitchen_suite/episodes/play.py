@@ -502,7 +502,7 @@ def play_numbered(
         yield from play_many(spec, policy, Waiting(numbers), even_count(len(numbers), num_envs), num_threads)
         return
     arguments = (spec, policy, num_envs, num_threads or 1)
-    for episode in cluster.run(play_part, arguments, numbers, num_cpus=num_threads or 1):
+    for episode in cluster.run(play_part, arguments, numbers, num_threads=num_threads or 1):
         yield dataclasses.replace(episode, seconds=episode.seconds / cluster.workers)
 
 

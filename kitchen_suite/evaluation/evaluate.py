@@ -166,7 +166,7 @@ def evaluate(
                 else:
                     threads = num_threads or 1
                     arguments = (name, plan, reference, num_envs, threads, recorded)
-                    played = cluster.run(_play_part, arguments, waiting, num_cpus=threads)
+                    played = cluster.run(_play_part, arguments, waiting, num_threads=threads)
                 with _withdrawn_without_results(folder), contextlib.closing(played):
                     for result in played:
                         folder.add(result)

@@ -19,6 +19,7 @@ from helpers.processes import open_process
 import kitchen_suite
 from kitchen_suite.commands import evaluate, record, rollout
 from kitchen_suite.episodes.cluster import Cluster
+from kitchen_suite.vector_env.base import processors
 
 pytestmark = pytest.mark.ray
 
@@ -127,6 +128,28 @@ def test_a_callable_plays_on_workers():
     arguments = {"policy": still, "seeds": range(5), "takes": "batch", "num_envs": 2}
     many = {episode.seed: episode.digest for episode in kitchen_suite.play(spec, **arguments, cluster=Cluster(2))}
     assert many == {episode.seed: episode.digest for episode in kitchen_suite.play(spec, **arguments)}
+
+
+def probe(part):
+    """When a worker began and ended, its processors, its threads of NumPy, and its process."""
+    import ray
+
+    start = time.monotonic()
+    time.sleep(0.2)
+    cpus = ray.get_runtime_context().get_assigned_resources()["CPU"]
+    return [(start, time.monotonic(), cpus, os.environ["OMP_NUM_THREADS"])]
+
+
+@pytest.mark.parametrize("cpus", [None, processors(), 0.5])
+def test_workers_reserve_what_they_use_and_no_more_play_at_once_than_fit(monkeypatch, cpus):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    workers = 2 * processors() + 1
+    cluster = Cluster(workers, cpus_per_worker=cpus)
+    found = [*cluster.run(probe, (), range(4 * workers), num_threads=1)]
+    reserved = 1 if cpus is None else cpus
+    assert {each[2:] for each in found} == {(reserved, str(max(1, int(reserved))))}
+    at_once = max(sum(start <= other[0] < end for other in found) for start, end, *_ in found)
+    assert at_once <= processors() / reserved
 
 
 def test_no_episode_is_lost_with_a_worker_that_is_killed(run, tmp_path):
