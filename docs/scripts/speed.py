@@ -102,15 +102,15 @@ def web_row(domain: str, path: Path) -> str:
     seconds, page = 0.0, WebPage()
     with SceneRecorder() as recorder:
         started = time.perf_counter()
-        recorder.start(environment.physics, cameras.find_camera(environment.physics, "overview"))
+        recorder.start([environment.physics], cameras.find_camera(environment.physics, "overview"))
         seconds += time.perf_counter() - started
         for _ in range(WEB_STEPS):
             timestep = environment.step(policy(timestep))
             started = time.perf_counter()
-            recorder.add_frame(environment.physics, environment.control_timestep())
+            recorder.add_frame([environment.physics], environment.control_timestep())
             seconds += time.perf_counter() - started
         started = time.perf_counter()
-        page.add(recorder.finish(1.0), {"name": domain, "tasks": [], "rewards": [], "returns": [], "metrics": {}})
+        page.add(recorder.finish(1.0), {"name": domain, "parts": []})
         path.write_text(page.html(domain), "utf-8")
         seconds += time.perf_counter() - started
     return f"| {domain} | {path.stat().st_size / 1e6:.1f} MB | {seconds:.1f} s |"

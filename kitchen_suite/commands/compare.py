@@ -99,8 +99,11 @@ def _watch(given: FlagValues, comparison: "PairedComparison") -> None:
         count = film(comparison, given.video, picture, given.video_episodes)
         print_line(f"video {given.video}: {counted(count)} of {len(comparison.differing)} that differ")
     if given.web:
-        with watching.page(given, None) as watch:
-            add_to_page(comparison, watch, given.web_episodes)
+        from kitchen_suite.viewer.episode_page import EpisodePage
+
+        page = EpisodePage(given.web, camera=given.camera)
+        with page.open_side_by_side((comparison.first.name, comparison.second.name)) as add:
+            add_to_page(comparison, add, given.web_episodes)
 
 
 COMMAND = Command(

@@ -6,7 +6,7 @@ import kitchen_suite.rendering.without_gl  # noqa: F401
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from dm_control.rl.control import PhysicsError
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import Environment
-from kitchen_suite.episodes.episode import EpisodeBuffer, Watch
+from kitchen_suite.episodes.episode import EpisodeBuffer
 from kitchen_suite.episodes.play import episode_name
 from kitchen_suite.episodes.report import counted, print_line
 from kitchen_suite.episodes.spec import reset_to_seed
@@ -148,15 +148,28 @@ def _captioned(image: NDArray[np.uint8], above: str, below: str) -> NDArray[np.u
     return np.asarray(picture)
 
 
-def add_to_page(comparison: PairedComparison, watch: Watch, num_episodes: int) -> int:
-    """Plays the first episodes in which one policy alone succeeds, of both in turn; returns how many there are.
+def add_to_page(
+    comparison: PairedComparison, add: Callable[[str, Iterable[tuple[Step, Step]]], None], num_episodes: int
+) -> int:
+    """Plays the first episodes in which one policy alone succeeds, of both at once; returns how many there are.
 
-    `watch` is called after each reset and each step, such as that of a web page.
+    `add` is called with the name of each and the steps of both, such as that of a web page.
     """
     check_replays(comparison)
     chosen = comparison.differing[:num_episodes]
     for pair in chosen:
-        for played, result in zip((comparison.first, comparison.second), pair, strict=True):
-            for buffer, environment in replayed(played, result):
-                watch(buffer, environment)
+        result = pair[0]
+        condition = f"{result.condition}, " if len(comparison.pairs) > 1 else ""
+        add(f"{condition}{episode_name(result.episode, result.seed)}", _both(comparison, pair))
     return len(chosen)
+
+
+def _both(comparison: PairedComparison, pair: Pair) -> Iterator[tuple[Step, Step]]:
+    """Yields the steps of an episode of both policies; of that which ends first, the last one again."""
+    played = (comparison.first, comparison.second)
+    first, second = (replayed(each, result) for each, result in zip(played, pair, strict=True))
+    one, other = next(first), next(second)
+    yield one, other
+    for following, other_following in itertools.zip_longest(first, second):
+        one, other = following or one, other_following or other
+        yield one, other

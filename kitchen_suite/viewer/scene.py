@@ -5,6 +5,7 @@ import kitchen_suite.viewer.servers  # noqa: F401
 
 # isort: split
 import copy
+import dataclasses
 import io
 import math
 from typing import Any
@@ -32,6 +33,9 @@ _LEAST_LENGTH = 0.5  # Of a surface with a texture [m]; smaller ones have the te
 _CAPSULE = (8, 20)  # Faces along a capsule, without its middle, and around it.
 _FLOOR = 5.0  # Half the length of a floor without edges [m].
 
+_GAP = 0.5  # Between scenes next to each other, and between a scene and its label [m].
+_STEP_BACK = 1.7  # Factor of a camera's distance with two scenes in view: both are twice as wide, in a wide window.
+
 # Fields of a model on which the shapes and colours depend that a scene shows.
 _APPEARANCE = (
     *("body_pos", "body_quat", "geom_pos", "geom_quat", "geom_size", "geom_rgba", "geom_matid", "geom_dataid"),
@@ -39,23 +43,101 @@ _APPEARANCE = (
 )
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where a scene stands in a server.
+
+    Attributes:
+      name: begins the names of all that the scene adds, such as `/left`; empty for a scene that is alone there.
+      position: `(3,)`, of its origin [m].
+      label: a text above it.
+      floor: `(2, 2)`, the ranges of x and y that floors are confined to, from the origin [m].
+    """
+
+    name: str = ""
+    position: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros(3))
+    label: str = ""
+    floor: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.full((2, 2), (-np.inf, np.inf)))
+
+
+def side_by_side(
+    first: mjcf.Physics, second: mjcf.Physics, camera: int, labels: tuple[str, str]
+) -> tuple[Place, Place]:
+    """Returns the places of two scenes, the first on the left as one of its cameras sees them.
+
+    They stand along the axis of the world that is most nearly the camera's horizontal one. Floors end between them.
+    """
+    right = first.data.ptr.cam_xmat[camera].reshape(3, 3)[:2, 0]
+    axis = int(np.abs(right).argmax())
+    (low, high), (other_low, other_high) = _range(first, axis), _range(second, axis)
+    places = [Place(name=f"/scene_{number}", label=label) for number, label in enumerate(labels)]
+    left_floor, right_floor = (place.floor[axis] for place in places)
+    if right[axis] > 0.0:
+        places[1].position[axis] = high + _GAP - other_low
+        left_floor[1] = high + _GAP / 2
+        right_floor[0] = other_low - _GAP / 2
+    else:
+        places[1].position[axis] = low - _GAP - other_high
+        left_floor[0] = low - _GAP / 2
+        right_floor[1] = other_high + _GAP / 2
+    return places[0], places[1]
+
+
+def show_both(server: viser.ViserServer, physics: mjcf.Physics, camera: int, places: tuple[Place, Place]) -> None:
+    """Lets browsers look at two scenes from the middle at first, from the height of a camera of the first model."""
+    set_camera(server, physics, camera)
+    view = server.initial_camera
+    middle = (places[0].position + places[1].position) / 2.0
+    away = np.array(view.position) - view.look_at
+    distance = np.linalg.norm(away)
+    # At a right angle to the row, so that both are equally near.
+    away[np.abs(middle).argmax()] = 0.0
+    away *= _STEP_BACK * distance / np.linalg.norm(away)
+    view.look_at = tuple((view.look_at + middle).tolist())
+    view.position = tuple((view.look_at + away).tolist())
+
+
+def _range(physics: mjcf.Physics, axis: int) -> tuple[float, float]:
+    """Returns the range [m] along an axis of the world of all that is shown of a model, without its floor."""
+    model, data = physics.model.ptr, physics.data.ptr
+    geoms = _shown(model)
+    geoms = geoms[model.geom_type[geoms] != mujoco.mjtGeom.mjGEOM_PLANE]
+    rows = data.geom_xmat[geoms].reshape(-1, 3, 3)[:, axis]
+    centres = data.geom_xpos[geoms, axis] + (rows * model.geom_aabb[geoms, :3]).sum(axis=1)
+    halves = (np.abs(rows) * model.geom_aabb[geoms, 3:]).sum(axis=1)
+    return float((centres - halves).min()), float((centres + halves).max())
+
+
+def _shown(model: mujoco.MjModel) -> NDArray[np.int64]:
+    """Returns the geoms of a model that are shown."""
+    return np.flatnonzero((model.geom_group < _FIRST_HIDDEN_GROUP) & (model.geom_rgba[:, 3] > 0.0))
+
+
 class Scene:
     """The scene of a model in a server, seen through one of the model's cameras at first."""
 
-    def __init__(self, server: viser.ViserServer, physics: mjcf.Physics, camera: int) -> None:
-        """Adds the scene of the current state to a server, seen through the camera of an id."""
+    def __init__(
+        self, server: viser.ViserServer, physics: mjcf.Physics, camera: int, place: Place | None = None
+    ) -> None:
+        """Adds the scene of the current state to a server, at a place, seen through the camera of an id."""
         model, data = physics.model.ptr, physics.data.ptr
+        place = place or Place()
         self._server = server
         self._appearance = {name: getattr(model, name).copy() for name in _APPEARANCE}
         set_camera(server, physics, camera)
         _add_light(server)
-        geoms = np.flatnonzero((model.geom_group < _FIRST_HIDDEN_GROUP) & (model.geom_rgba[:, 3] > 0.0))
+        geoms = _shown(model)
+        if place.name:
+            server.scene.add_frame(place.name, show_axes=False, position=tuple(place.position.tolist()))
+        if place.label:
+            above = (*data.xpos[1:, :2].mean(axis=0), data.geom_xpos[geoms, 2].max() + _GAP)
+            server.scene.add_label(f"{place.name}/label", place.label, position=above)
         is_fixed = np.array([is_fixed_body(model, body) for body in range(model.nbody)])
         fixed, moving = geoms[is_fixed[model.geom_bodyid[geoms]]], geoms[~is_fixed[model.geom_bodyid[geoms]]]
-        surfaces = _add_surfaces(server, model, data, fixed)
+        surfaces = _add_surfaces(server, model, data, fixed, place)
         plain = _with_plain_colours(model)
-        _add_fixed_shapes(server, plain, data, fixed[~np.isin(fixed, surfaces)])
-        self._bodies = _add_bodies(server, plain, moving)
+        _add_fixed_shapes(server, plain, data, fixed[~np.isin(fixed, surfaces)], place)
+        self._bodies = _add_bodies(server, plain, moving, place)
         self.update(physics)
 
     def update(self, physics: mjcf.Physics) -> None:
@@ -129,7 +211,7 @@ def _with_plain_colours(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _add_surfaces(
-    server: viser.ViserServer, model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]
+    server: viser.ViserServer, model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64], place: Place
 ) -> list[int]:
     """Adds those of some geoms that are large and textured, such as floor and worktop; returns which ones."""
     textures, added = _textures(model), list[int]()
@@ -138,19 +220,19 @@ def _add_surfaces(
         is_floor = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
         if material not in textures or not (is_floor or lengths.max() >= _LEAST_LENGTH):
             continue
-        mesh = _floor_mesh(model, geom) if is_floor else _solid_mesh(model, geom)
+        mesh = _floor_mesh(model, geom, place.floor) if is_floor else _solid_mesh(model, geom)
         if mesh is None:
             continue
         vertices, texture_coordinates = mesh
         vertices = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
         textured = _textured(vertices, texture_coordinates, textures[material], model.mat_rgba[material])
-        _add_in_light(server, f"/surfaces/{geom}", textured)
+        _add_in_light(server, f"{place.name}/surfaces/{geom}", textured)
         added.append(geom)
     return added
 
 
 def _add_fixed_shapes(
-    server: viser.ViserServer, model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]
+    server: viser.ViserServer, model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64], place: Place
 ) -> None:
     """Adds some geoms that never move, in plain colours."""
     if not len(geoms):
@@ -160,10 +242,13 @@ def _add_fixed_shapes(
     is_opaque = mesh.visual.face_colors[:, 3] == 255
     for name, faces in (("opaque", is_opaque), ("transparent", ~is_opaque)):
         if faces.any():
-            _add_in_light(server, f"/shapes/{name}", _with_matte_colours(mesh.submesh([faces], append=True)))
+            shape = f"{place.name}/shapes/{name}"
+            _add_in_light(server, shape, _with_matte_colours(mesh.submesh([faces], append=True)))
 
 
-def _add_bodies(server: viser.ViserServer, model: mujoco.MjModel, geoms: NDArray[np.int64]) -> dict[int, Any]:
+def _add_bodies(
+    server: viser.ViserServer, model: mujoco.MjModel, geoms: NDArray[np.int64], place: Place
+) -> dict[int, Any]:
     """Adds each body that some geoms belong to, in plain colours; returns handles of viser's by number of the body."""
     added = {}
     for body in np.unique(model.geom_bodyid[geoms]).tolist():
@@ -173,7 +258,7 @@ def _add_bodies(server: viser.ViserServer, model: mujoco.MjModel, geoms: NDArray
             mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
             shapes.append(_placed(_shape(model, geom), model.geom_pos[geom], rotation))
         mesh = _with_matte_colours(trimesh.util.concatenate(shapes))
-        name = f"/bodies/{get_body_name(model, body)}"
+        name = f"{place.name}/bodies/{get_body_name(model, body)}"
         added[body] = server.scene.add_mesh_trimesh(name, mesh, cast_shadow=False, receive_shadow=False)
     return added
 
@@ -238,10 +323,16 @@ def _make_unlit(tree: dict[str, Any]) -> None:
         material["extensions"] = {"KHR_materials_unlit": {}}
 
 
-def _floor_mesh(model: mujoco.MjModel, geom: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns vertices `(6, 3)` [m] of the two triangles of a plane, and their texture coordinates `(6, 2)`."""
+def _floor_mesh(
+    model: mujoco.MjModel, geom: int, confined: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns vertices `(6, 3)` [m] of the two triangles of a plane, and their texture coordinates `(6, 2)`.
+
+    Its x and y are `confined` to ranges `(2, 2)` [m].
+    """
     half = np.where(model.geom_size[geom, :2] > 0.0, model.geom_size[geom, :2], _FLOOR)
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, -1), (1, 1), (-1, 1)]) * half
+    corners = corners.clip(*(confined.T - model.geom_pos[geom, :2]))
     material = model.geom_matid[geom]
     scale = model.mat_texrepeat[material] / (1.0 if model.mat_texuniform[material] else 2 * half)
     return np.pad(corners, ((0, 0), (0, 1))), corners * scale

@@ -44,8 +44,9 @@ def test_a_page_shows_every_control_step_of_the_first_episodes(folder, capsys):
     page = pages.read_page(folder / "page.html")
     assert [episode["name"] for episode in page["episodes"]] == ["episode 0, seed 0", "episode 1, seed 1"]
     for episode in page["episodes"]:
-        assert len(episode["rewards"]) == len(episode["returns"]) == len(episode["metrics"]["success"]) == 4
-        assert episode["tasks"] == [["kettle", None]]
+        (part,) = episode["parts"]
+        assert len(part["rewards"]) == len(part["returns"]) == len(part["metrics"]["success"]) == 4
+        assert (part["label"], part["tasks"]) == ("", [["kettle", None]])
         assert episode["instruction"] == "move the kettle to the top left burner"
         head, _ = pages.contents(pages.joined(page, episode))
         times = sorted({round(time, 6) for time, _ in head["messages"]})
@@ -77,10 +78,11 @@ def test_the_camera_is_set_from_the_start(folder):
 def test_tasks_are_shown_with_the_control_step_of_their_completion(folder):
     assert rollout.main(["--num_episodes=1", "--policy=expert", "--task_name=kettle", "--web=page.html"]) == 0
     (episode,) = pages.read_page(folder / "page.html")["episodes"]
-    ((name, step),) = episode["tasks"]
+    (part,) = episode["parts"]
+    ((name, step),) = part["tasks"]
     assert name == "kettle"
-    assert episode["rewards"].index(1.0) == step == len(episode["rewards"]) - 1
-    assert episode["metrics"]["success"] == [False] * step + [True]
+    assert part["rewards"].index(1.0) == step == len(part["rewards"]) - 1
+    assert part["metrics"]["success"] == [False] * step + [True]
 
 
 @pytest.mark.web
@@ -95,7 +97,7 @@ def test_replays_have_pages(folder):
 def test_a_page_replaces_the_default_video_of_a_trained_policy(folder):
     assert play.main(["--num_episodes=1", "--web=page.html", *SHORT]) == 0
     (episode,) = pages.read_page(folder / "page.html")["episodes"]
-    assert len(episode["metrics"]["drawer_opening"]) == 4
+    assert len(episode["parts"][0]["metrics"]["drawer_opening"]) == 4
     assert os.listdir(folder) == ["page.html"]
 
 
@@ -139,7 +141,7 @@ def test_an_interrupt_keeps_the_page_until_then(folder, monkeypatch, capsys):
     monkeypatch.setattr(SuiteEnv, "step", interrupted)
     assert rollout.main(["--num_episodes=3", "--web=page.html", *SHORT]) == 130
     assert "web page page.html ends early, in episode 2" in capsys.readouterr().out
-    lengths = [len(episode["rewards"]) for episode in pages.read_page(folder / "page.html")["episodes"]]
+    lengths = [len(episode["parts"][0]["rewards"]) for episode in pages.read_page(folder / "page.html")["episodes"]]
     assert lengths == [4, 2]
 
 

@@ -160,7 +160,69 @@ def geometry(glb):
     return mesh
 
 
-def test_a_page_shows_the_episodes_of_two_policies_in_turn(tmp_path):
+BESIDE = """
+<mujoco>
+  <worldbody>
+    <camera name="front" pos="0 -3 1" xyaxes="1 0 0 0 0 1"/>
+    <camera name="back" pos="0 3 1" xyaxes="-1 0 0 0 0 1"/>
+    <geom name="floor" type="plane" size="5 5 0.1" material="tiles"/>
+    <geom name="wall" type="box" size="1 0.1 1" pos="0.5 0 0"/>
+    <body name="moving" pos="0 0 2">
+      <joint type="slide"/>
+      <geom type="box" size="0.1 0.1 0.1"/>
+    </body>
+  </worldbody>
+  <asset>
+    <texture name="tiles" type="2d" builtin="checker" rgb1="1 1 1" rgb2="0 0 0" width="8" height="8"/>
+    <material name="tiles" texture="tiles" texuniform="true"/>
+  </asset>
+</mujoco>
+"""
+
+
+# With the camera in front, the first scene is on the side of smaller x.
+@pytest.mark.parametrize(("camera", "side"), [(0, 1.0), (1, -1.0)])
+def test_two_scenes_stand_next_to_each_other_on_floors_that_meet(camera, side):
+    from kitchen_suite.viewer.episode_page import SceneRecorder
+
+    physics = [mjcf.Physics.from_mjcf_model(mjcf.from_xml_string(BESIDE)) for _ in range(2)]
+    with SceneRecorder() as recorder:
+        recorder.start(physics, camera, ("mine", "yours"))
+        physics[1].data.qpos[:] = 0.5
+        physics[1].forward()
+        recorder.add_frame(physics, 0.1)
+        head, _ = pages.contents(recorder.finish(1.0))
+    messages = [(round(time, 6), message) for time, message in head["messages"]]
+    frames = {message["name"]: message for _, message in messages if "FrameMessage" in message["type"]}
+    assert {*frames} >= {"/scene_0", "/scene_1"}
+    places = {message["name"]: message["position"] for _, message in messages if "SetPosition" in message["type"]}
+    # The wall is 2 m wide, and 0.5 m from the other one.
+    assert tuple(places["/scene_1"]) == (2.5 * side, 0.0, 0.0)
+    assert tuple(places.get("/scene_0", (0.0, 0.0, 0.0))) == (0.0, 0.0, 0.0)
+    glb = {message["name"]: message["props"]["glb_data"] for _, message in messages if "GlbMessage" in message["type"]}
+    floors = [geometry(glb[f"/scene_{number}/surfaces/0"]).bounds[:, 0] for number in range(2)]
+    meeting = (1.75, 1.75 - 2.5) if side > 0 else (-0.75, -0.75 + 2.5)
+    assert [floor[1 if (number == 0) == (side > 0) else 0] for number, floor in enumerate(floors)] == list(meeting)
+    assert [floor[0 if (number == 0) == (side > 0) else 1] for number, floor in enumerate(floors)] == [
+        -5.0 * side,
+        5.0 * side,
+    ]
+    labels = {message["name"]: message["props"]["text"] for _, message in messages if "LabelMessage" in message["type"]}
+    assert labels == {"/scene_0/label": "mine", "/scene_1/label": "yours"}
+    moved = {
+        message["name"]: tuple(message["position"])
+        for time, message in messages
+        if time == 0.1 and "SetPosition" in message["type"]
+    }
+    assert moved["/scene_1/bodies/moving"] == (0.0, 0.0, 2.5)
+    assert moved.get("/scene_0/bodies/moving", (0.0, 0.0, 2.0)) == (0.0, 0.0, 2.0)
+    # The view is of the middle between both.
+    camera_messages = {message["type"]: message for _, message in messages if "SetCamera" in message["type"]}
+    assert camera_messages["SetCameraLookAtMessage"]["look_at"][0] == pytest.approx(1.25 * side)
+    assert camera_messages["SetCameraPositionMessage"]["position"][0] == pytest.approx(1.25 * side)
+
+
+def test_a_page_shows_the_episodes_of_two_policies_at_once(tmp_path):
     import dataclasses
 
     import kitchen_suite
@@ -169,16 +231,46 @@ def test_a_page_shows_the_episodes_of_two_policies_in_turn(tmp_path):
     from kitchen_suite.viewer.episode_page import EpisodePage
 
     paths = [tmp_path / f"{name}.npz" for name in ("random", "zero")]
-    for path in paths:
-        kitchen_suite.evaluate(path.stem, num_episodes=2, max_episode_steps=2, num_envs=2, receipt=path)
+    for path, steps in zip(paths, (2, 2), strict=True):
+        kitchen_suite.evaluate(path.stem, num_episodes=2, max_episode_steps=steps, num_envs=2, receipt=path)
     comparison = kitchen_suite.compare(*paths)
     (name,) = comparison.pairs
     (one, other), same = comparison.pairs[name]
     pairs = {name: [(dataclasses.replace(one, success=True), other), same]}
     differing = PairedComparison(first=comparison.first, second=comparison.second, pairs=pairs)
-    with EpisodePage(tmp_path / "both.html", camera="overview").open() as watch:
-        assert add_to_page(differing, watch, 10) == 1
-    page = (tmp_path / "both.html").read_text(encoding="utf-8")
-    seed = one.seed
-    assert all(f"{each}, episode 0, seed {seed}" in page for each in ("random", "zero"))
-    assert "episode 1, seed" not in page
+    page = EpisodePage(tmp_path / "both.html", camera="overview")
+    with page.open_side_by_side(("random", "zero")) as add:
+        assert add_to_page(differing, add, 10) == 1
+    (episode,) = pages.read_page(tmp_path / "both.html")["episodes"]
+    assert episode["name"] == f"episode 0, seed {one.seed}"
+    assert [part["label"] for part in episode["parts"]] == ["random", "zero"]
+    assert [len(part["rewards"]) for part in episode["parts"]] == [3, 3]
+
+
+def test_the_episode_that_ends_first_stands_still(tmp_path):
+    from kitchen_suite import EnvironmentSpec
+    from kitchen_suite.episodes.episode import EpisodeBuffer
+    from kitchen_suite.gymnasium_env.base import suite_env
+    from kitchen_suite.viewer.episode_page import EpisodePage
+
+    def steps(count):
+        env = EnvironmentSpec.make("microwave_table", "open", {}, 9).make_environment(visuals=True)
+        observation, info = env.reset(seed=0)
+        buffer = EpisodeBuffer(observation, info, suite_env(env).physics_state, "")
+        yield buffer, suite_env(env).environment
+        for _ in range(count):
+            buffer.step(env, np.full(8, 0.5, np.float32))
+            yield buffer, suite_env(env).environment
+
+    def both():
+        first, second = [*steps(0)], steps(3)
+        yield from ((first[0], each) for each in second)
+
+    page = EpisodePage(tmp_path / "both.html", camera="overview")
+    with page.open_side_by_side(("still", "moving")) as add:
+        add("one", both())
+    read = pages.read_page(tmp_path / "both.html")
+    (episode,) = read["episodes"]
+    assert [len(part["rewards"]) for part in episode["parts"]] == [1, 4]
+    head, _ = pages.contents(pages.joined(read, episode))
+    assert head["durationSeconds"] == pytest.approx(3 * episode["timestep"] + 1.0)
