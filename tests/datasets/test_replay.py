@@ -123,6 +123,7 @@ ROLLOUTS = {
         "--max_episode_steps=40",
         '--task_kwargs={"action_limit": 0.3, "observation_noise": {"drawer_position": 0.01}, "reward": "grasp"}',
     ],
+    "kitchens": ["--domain_name=kitchens", "--task_name=any_2", "--policy=random", "--max_episode_steps=6"],
 }
 
 

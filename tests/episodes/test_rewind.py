@@ -20,6 +20,7 @@ KINDS = {
     "kitchen": {"task_name": "random_4", "task_kwargs": {"variations": ["start", "push"]}},
     "fast kitchen": {"task_name": "kettle", "task_kwargs": {"physics": "fast", "control_mode": "ee_delta_pose"}},
     "cabinet": {"domain_name": "open_cabinet"},
+    "kitchens": {"domain_name": "kitchens", "task_kwargs": {"variations": ["start", "push"]}},
 }
 
 

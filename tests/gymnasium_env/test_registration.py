@@ -62,7 +62,9 @@ def test_the_table_of_domains_agrees_with_the_tasks():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(("domain", "task"), [("kitchen", "mixed"), ("open_cabinet", "bottom_drawer")])
+@pytest.mark.parametrize(
+    ("domain", "task"), [("kitchen", "mixed"), ("open_cabinet", "bottom_drawer"), ("kitchens", "any_2")]
+)
 def test_an_environment_of_a_tasks_id_is_the_general_one_with_the_tasks_arguments(domain, task):
     task_id, general_id = gymnasium_env.TASK_IDS[domain, task], gymnasium_env.IDS[domain]
     arguments = suite.task_arguments(domain, task)

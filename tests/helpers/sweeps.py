@@ -1,4 +1,4 @@
-"""Sweeps of which every run plays some cases, `--run=full` and `--run=nightly` more; control modes by domain."""
+"""Sweeps of which every run plays some cases, `--run=full` and `--run=nightly` more; what the domains have."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 from dm_env import specs
+
+from kitchen_suite.tasks.variations.distributions import GROUPS
 
 
 def brief(cases: Iterable[Any], kept: Iterable[Any], full: Iterable[Any] = ()) -> list[Any]:
@@ -45,6 +47,15 @@ MODES = {
     "kitchens": ("joint_velocity", *SHARED),
 }
 CASES = [(domain, mode) for domain, modes in MODES.items() for mode in modes]
+
+
+# Groups of variations that a domain does not have: a design says where its fixtures are, and how they look.
+_LACKING = {"kitchens": ("layout", "appearance")}
+
+
+def groups_of(domain: str) -> list[str]:
+    """Returns the groups of variations that a domain has."""
+    return [group for group in GROUPS if group not in _LACKING.get(domain, ())]
 
 
 def walk(spec, steps, *leading, seed=0):

@@ -12,7 +12,7 @@ from test_vector_autoreset import COUNT, MODES, assert_equal_for_ever, pair
 from kitchen_suite import policies, suite
 from kitchen_suite.commands import convert, record, replay, rollout
 
-IDS = {name: suite.DOMAINS[name].env_id for name in ("kitchen", "microwave_table")}
+IDS = {name: suite.DOMAINS[name].env_id for name in ("kitchen", "microwave_table", "kitchens")}
 LAYOUT = {"variations": ["start", "dynamics", "layout"]}
 TASKS = ["kettle", "microwave", "light_switch"]
 
@@ -22,7 +22,7 @@ def load(domain="kitchen", **options):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(("domain", "steps"), [("kitchen", 6), ("microwave_table", 1)])
+@pytest.mark.parametrize(("domain", "steps"), [("kitchen", 6), ("microwave_table", 1), ("kitchens", 6)])
 def test_control_steps_are_as_long_and_physics_steps_are_longer(domain, steps):
     fast, exact = load(domain, physics="fast"), load(domain)
     assert fast.control_timestep() == exact.control_timestep()
@@ -68,6 +68,7 @@ CASES = [
     pytest.param("kitchen", "SameStep", {"control_mode": "ee_delta_position", **LAYOUT}, marks=pytest.mark.nightly),
     pytest.param("kitchen", "Disabled", {"control_mode": "ee_pose"}, marks=pytest.mark.nightly),
     ("microwave_table", "NextStep", {"control_mode": "joint_delta", **LAYOUT}),
+    ("kitchens", "SameStep", {"control_mode": "joint_position", "variations": ["start", "dynamics"]}),
 ]
 
 
@@ -100,8 +101,9 @@ def test_a_state_is_restored_in_the_middle_of_an_episode_with_another_layout():
 
 @pytest.mark.full
 def test_infos_name_it_and_those_of_the_exact_physics_do_not():
-    for env_id in IDS.values():
-        fast, exact = (gymnasium.make(env_id, **options) for options in ({"physics": "fast"}, {}))
+    # The environments of generated kitchens are fast by default.
+    for env_id, options in zip(IDS.values(), ({}, {}, {"physics": "exact"}), strict=True):
+        fast, exact = (gymnasium.make(env_id, **each) for each in ({"physics": "fast"}, options))
         assert fast.reset(seed=0)[1]["physics"] == "fast"
         assert fast.step(fast.action_space.sample())[-1]["physics"] == "fast"
         assert "physics" not in exact.reset(seed=0)[1]

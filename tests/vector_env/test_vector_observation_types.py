@@ -23,13 +23,14 @@ TYPES = {
     "pixels_agent_pos": {"obs_type": "pixels_agent_pos", "extra_observables": EXTRAS, **PIXELS},
     "pixels and state": {"obs_type": "pixels_environment_state_agent_pos", "extra_observables": EXTRAS, **PIXELS},
 }
-DOMAINS = {"kitchen": {}, "open_cabinet": {"variations": VARIED}, "microwave_table": {}}
+DOMAINS = {"kitchen": {}, "open_cabinet": {"variations": VARIED}, "microwave_table": {}, "kitchens": {}}
 COUNT, EPISODE = 3, 3
 # Every type, each domain with numbers and with pictures.
 IN_EVERY_RUN = {
     *(("kitchen", name) for name in ("goal", "pixels of one camera")),
     *(("open_cabinet", name) for name in ("parts", "pixels")),
     *(("microwave_table", name) for name in ("state", "pixels and state")),
+    *(("kitchens", name) for name in ("parts", "pixels_agent_pos")),
 }
 
 

@@ -106,6 +106,7 @@ def assert_equal_for_long(ours, theirs, steps=STEPS):
         ("open_cabinet", "SameStep", "held_out", 2),
         ("open_cabinet", "Disabled", "seen", 2),
         ("microwave_table", "SameStep", "held_out", 1),
+        ("kitchens", "Disabled", "seen", 2),
     ],
 )
 def test_environments_are_gymnasiums_vector_of_single_ones(domain, mode, split, num_threads):
@@ -133,6 +134,7 @@ def test_long_runs_are_gymnasiums_vector_of_single_ones(domain, mode, split):
         ("kitchen", {"info_format": "arrays", "control_mode": "ee_delta_pose", "extra_observables": ["kettle/pose"]}),
         ("open_cabinet", {"variations": {"cabinet/yaw": {"uniform": [-0.1, 0.1]}, "sensing/action_delay": 1.0}}),
         ("microwave_table", {"control_mode": "joint_position"}),
+        ("kitchens", {"variations": {"fixtures/damping_scale": {"uniform": [0.8, 1.2]}, "sensing/action_delay": 1.0}}),
         ("microwave_table", {"variations": {"microwave/door": {"uniform": [-0.2, 0]}, "sensing/action_delay": 1.0}}),
     ],
 )

@@ -4,18 +4,13 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from helpers.sweeps import brief, groups_of
 from helpers.vectors import batch
 
 from kitchen_suite import suite
-from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
-from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
-from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
+from kitchen_suite.gymnasium_env import FrankaKitchenEnv
+from kitchen_suite.tasks.variations.distributions import SPLITS
 
-CLASSES = {
-    "kitchen": FrankaKitchenEnv,
-    "open_cabinet": FrankaOpenCabinetEnv,
-    "microwave_table": FrankaMicrowaveTableEnv,
-}
 # Depth beyond that of the default layout [m].
 DEPTH = 0.005
 
@@ -61,7 +56,7 @@ class Depths:
 
 
 def assert_free(domain, split, count):
-    env = CLASSES[domain](variations=GROUPS, variation_split=split)
+    env = suite.DOMAINS[domain].env_class(variations=groups_of(domain), variation_split=split)
     env.reset(seed=0, options={"variation": []})
     physics = env.environment.physics
     # The drawn pose of the robot, where a domain draws it, is free space.
@@ -88,26 +83,27 @@ def test_the_measure_sees_a_kettle_in_the_stove():
 
 
 @pytest.mark.parametrize("split", SPLITS)
-@pytest.mark.parametrize("domain", CLASSES)
+@pytest.mark.parametrize("domain", brief(suite.DOMAINS, ["microwave_table"], full=suite.DOMAINS))
 def test_in_varied_starts_nothing_stands_in_anything_else(domain, split):
     assert_free(domain, split, 3)
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("split", SPLITS)
-@pytest.mark.parametrize(("domain", "count"), [("kitchen", 1000), ("open_cabinet", 300), ("microwave_table", 300)])
+@pytest.mark.parametrize(
+    ("domain", "count"), [("kitchen", 1000), *((domain, 300) for domain in suite.DOMAINS if domain != "kitchen")]
+)
 def test_in_many_varied_starts_nothing_stands_in_anything_else(domain, split, count):
     assert_free(domain, split, count)
 
 
 def assert_stays_finite(domain, split, steps, num_envs=16):
     """Random actions over episodes with all variations of a domain, with all warnings of MuJoCo counted."""
-    groups = {row.group for row in suite.DOMAINS[domain].resolve("task").varied}
     env = gymnasium.make_vec(
         suite.DOMAINS[domain].env_id,
         num_envs,
         vectorization_mode="vector_entry_point",
-        variations=[group for group in GROUPS if group in groups],
+        variations=groups_of(domain),
         variation_split=split,
         max_episode_steps=40,
         autoreset_mode="SameStep",
@@ -142,6 +138,6 @@ def test_random_actions_in_varied_episodes_stay_finite(domain):
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("split", SPLITS)
-@pytest.mark.parametrize("domain", ["kitchen", "open_cabinet"])
+@pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_20_000_random_actions_in_varied_episodes_stay_finite(domain, split):
     assert_stays_finite(domain, split, 20_000)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from dm_control.composer.variation import distributions
 from helpers.errors import refused
+from helpers.sweeps import groups_of
 
 from kitchen_suite import suite
 from kitchen_suite.entities import build_microwave_table_scene
@@ -19,14 +20,6 @@ pytestmark = pytest.mark.full
 def load(domain="kitchen", task=None, random=0, **options):
     task = task or next(iter(suite.DOMAINS[domain].tasks))
     return suite.load(domain, task, {"random": random, "visuals": False, **options})
-
-
-# Groups that a domain does not have: a design says where its fixtures are, and how they look.
-LACKING = {"kitchens": ("layout", "appearance")}
-
-
-def groups_of(domain):
-    return [group for group in GROUPS if group not in LACKING.get(domain, ())]
 
 
 def model_arrays(environment):
@@ -91,6 +84,7 @@ def test_each_group_varies_what_it_names(domain):
         ),
         ("open_cabinet", {"cabinet/drawer_top_friction": 3.0, "franka/pad_friction": 1.5, "cabinet/offset": [0.0] * 3}),
         ("microwave_table", {"microwave/yaw": -np.pi / 2, "franka/gain_scale": 1.0, "camera/overview_fovy": 40.0}),
+        ("kitchens", {"franka/joint_offset": [0.0] * 7, "franka/gain_scale": 1.0, "sensing/action_delay": 0.0}),
     ],
 )
 def test_default_values_are_read_from_the_model_and_within_the_ranges(domain, expected):
