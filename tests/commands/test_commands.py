@@ -312,7 +312,7 @@ ODD = {
 
 
 @pytest.mark.full
-@settings(max_examples=100, **ODD)
+@settings(max_examples=40, **ODD)
 @given(line=command_lines())
 def test_odd_arguments_end_in_one_line(folder, line):
     check(folder, line)

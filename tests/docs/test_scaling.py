@@ -34,6 +34,7 @@ def read(folder):
     return json.loads((folder / "scaling.json").read_text("utf-8"))
 
 
+@pytest.mark.nightly
 def test_every_kind_is_measured_with_all_numbers_of_environments_and_threads(tables, tmp_path):
     command = [sys.executable, str(DOCS / "experiments" / "scaling.py"), *FLAGS, f"--output={tmp_path}"]
     # Without a GL library there are no pictures.

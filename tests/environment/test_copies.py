@@ -203,9 +203,12 @@ EDITS = {
 }
 
 
+# Copies and pickles ask the same function.
 @pytest.mark.full
 @pytest.mark.parametrize("make", EDITS.values(), ids=EDITS)
-@pytest.mark.parametrize("copied", [copy.deepcopy, COPIES["pickle"]], ids=["deepcopy", "pickle"])
+@pytest.mark.parametrize(
+    "copied", [copy.deepcopy, pytest.param(COPIES["pickle"], marks=pytest.mark.nightly)], ids=["deepcopy", "pickle"]
+)
 def test_what_a_copy_would_lose_is_refused_with_the_way_to_take(make, copied):
     environment = make()
     with refused(TypeError, "get_state", "set_state"):

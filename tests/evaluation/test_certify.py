@@ -82,7 +82,7 @@ def test_a_certificate_is_that_of_the_package(certified):
     assert certified.read_bytes() == (certificates._SHIPPED / "train.jsonl").read_bytes().splitlines(keepends=True)[0]
 
 
-@pytest.mark.full
+@pytest.mark.nightly
 def test_several_processes_make_the_same_certificates(certified, tmp_path):
     path = tmp_path / "train.jsonl"
     write_certificates(path, [DESIGN], "train", num_workers=2)

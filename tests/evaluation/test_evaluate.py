@@ -251,7 +251,7 @@ def test_an_interrupt_says_how_far_it_came_and_how_to_continue(run, tmp_path, mo
 
 @pytest.mark.full
 def test_a_killed_evaluation_ends_with_the_same_json(run, tmp_path):
-    flags = ["--task_name=random_2", "--num_episodes=40", "--max_episode_steps=40", "--num_envs=4", "--num_threads=1"]
+    flags = ["--task_name=random_2", "--num_episodes=24", "--max_episode_steps=20", "--num_envs=4", "--num_threads=1"]
     assert run(*flags, "--json=a.json")[0] == 0
     command = [sys.executable, "-m", "kitchen_suite", "evaluate", *flags, "--output=runs"]
     episodes = tmp_path / "runs" / EPISODES_FILE
@@ -261,12 +261,12 @@ def test_a_killed_evaluation_ends_with_the_same_json(run, tmp_path):
             time.sleep(0.01)
         process.send_signal(signal.SIGKILL)
     assert process.returncode == -signal.SIGKILL
-    assert 5 <= len(lines(tmp_path / "runs")) < 40
+    assert 5 <= len(lines(tmp_path / "runs")) < 24
     with episodes.open("ab") as file:
         file.write(b'{"condition": "random_2", "epis')
     assert run(*flags, "--output=runs", "--resume", "--json=b.json")[0] == 0
     assert (tmp_path / "b.json").read_bytes() == (tmp_path / "a.json").read_bytes()
-    assert len(lines(tmp_path / "runs")) == 40
+    assert len(lines(tmp_path / "runs")) == 24
 
 
 @pytest.mark.full
