@@ -1,10 +1,12 @@
 """The Panda of gym-hil and the UR5e of OGBench in the kitchen."""
 
+import itertools
 import json
 import re
 
 import numpy as np
 import pytest
+from helpers.sweeps import brief
 
 from kitchen_suite import experts, suite
 from kitchen_suite.commands import find
@@ -41,8 +43,13 @@ def test_the_hand_starts_where_the_frankas_does(robot):
     np.testing.assert_allclose(rotation, turned, atol=5e-3)
 
 
-@ARMS
-@pytest.mark.parametrize("mode", ["ee_delta_pose", "ee_pose", "ee_delta_position"])
+@pytest.mark.parametrize(
+    ("robot", "mode"),
+    brief(
+        itertools.product(("panda", "ur5e"), ("ee_delta_pose", "ee_pose", "ee_delta_position")),
+        [("panda", "ee_delta_pose"), ("ur5e", "ee_pose"), ("panda", "ee_delta_position")],
+    ),
+)
 def test_the_expert_pushes_the_kettle_and_opens_the_microwave(robot, mode):
     for task in ("kettle", "microwave"):
         assert play(load(robot, task, mode)), task
@@ -73,7 +80,7 @@ def pads_of(robot):
     return [f"{'' if robot == 'panda' else 'robotiq_2f85/'}{side}_pad1" for side in ("left", "right")]
 
 
-@ARMS
+@pytest.mark.parametrize("robot", brief(["panda", "ur5e"], ["ur5e"]))
 def test_episodes_are_recorded_replayed_and_evaluated(robot, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     arguments = json.dumps({"robot": robot, "control_mode": "ee_delta_pose"})

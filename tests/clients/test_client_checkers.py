@@ -6,12 +6,12 @@ The checker of Stable-Baselines3 is in its own module, as are the steps of train
 import gymnasium
 import numpy as np
 import pytest
+from helpers.sweeps import OBSERVED, brief, once_per_observation_type
 
 from kitchen_suite.suite import DOMAINS
 
 pytestmark = [pytest.mark.clients, pytest.mark.rendering]
 
-CASES = [(name, obs_type) for name, domain in DOMAINS.items() for obs_type in domain.env_class.obs_types]
 PICTURES = {"image_size": (24, 32), "render_quality": "fast"}
 
 
@@ -22,7 +22,7 @@ def make(domain, obs_type, **options):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # Observations without bounds, as the original's.
-@pytest.mark.parametrize(("domain", "obs_type"), CASES)
+@pytest.mark.parametrize(("domain", "obs_type"), brief(OBSERVED, once_per_observation_type()))
 def test_gymnasiums_checker_finds_no_errors(domain, obs_type):
     from gymnasium.utils.env_checker import check_env
 
@@ -31,7 +31,7 @@ def test_gymnasiums_checker_finds_no_errors(domain, obs_type):
     environment.close()
 
 
-@pytest.mark.parametrize(("domain", "obs_type"), CASES)
+@pytest.mark.parametrize(("domain", "obs_type"), brief(OBSERVED, once_per_observation_type()))
 def test_torchrls_checker_finds_no_errors(domain, obs_type):
     from torchrl.envs import GymWrapper
     from torchrl.envs.utils import check_env_specs
@@ -41,7 +41,7 @@ def test_torchrls_checker_finds_no_errors(domain, obs_type):
     environment.close()
 
 
-@pytest.mark.parametrize(("domain", "obs_type"), CASES)
+@pytest.mark.parametrize(("domain", "obs_type"), brief(OBSERVED, once_per_observation_type()))
 def test_skrls_wrapper_takes_a_step(domain, obs_type):
     import torch
     from skrl.envs.wrappers.torch import wrap_env
@@ -55,7 +55,7 @@ def test_skrls_wrapper_takes_a_step(domain, obs_type):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # No `eval_env` is set.
-@pytest.mark.parametrize(("domain", "obs_type"), CASES)
+@pytest.mark.parametrize(("domain", "obs_type"), brief(OBSERVED, once_per_observation_type()))
 def test_minari_stores_what_was_observed(domain, obs_type, folder):
     import minari
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from dm_env import specs
 
+from kitchen_suite import suite
 from kitchen_suite.tasks.variations.distributions import GROUPS
 
 
@@ -56,6 +57,20 @@ _LACKING = {"kitchens": ("layout", "appearance")}
 def groups_of(domain: str) -> list[str]:
     """Returns the groups of variations that a domain has."""
     return [group for group in GROUPS if group not in _LACKING.get(domain, ())]
+
+
+OBSERVED = [(name, obs_type) for name, domain in suite.DOMAINS.items() for obs_type in domain.env_class.obs_types]
+
+
+def once_per_observation_type() -> list[tuple[str, str]]:
+    """Returns a case of each observation type, in domains that take turns."""
+    types = [*dict.fromkeys(obs_type for _, obs_type in OBSERVED)]
+    cases = []
+    for place, obs_type in enumerate(types):
+        domains = [name for name, each in OBSERVED if each == obs_type]
+        cases.append((domains[place % len(domains)], obs_type))
+    assert {name for name, _ in cases} == {*suite.DOMAINS}
+    return cases
 
 
 def walk(spec, steps, *leading, seed=0):

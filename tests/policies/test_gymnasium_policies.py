@@ -6,7 +6,7 @@ import types
 import gymnasium
 import numpy as np
 import pytest
-from helpers.sweeps import brief
+from helpers.sweeps import OBSERVED, brief, once_per_observation_type
 
 from kitchen_suite import policies, suite
 from kitchen_suite.commands import evaluate, record, rollout
@@ -14,7 +14,6 @@ from kitchen_suite.gymnasium_env.observations import has_pictures
 from kitchen_suite.suite import DOMAINS
 
 SEED, STEPS = 5, 3
-CASES = [(name, obs_type) for name, domain in DOMAINS.items() for obs_type in domain.env_class.obs_types]
 PICTURES = {"image_size": [16, 24], "render_quality": "fast", "cameras": ["overview", "franka/hand"]}
 
 
@@ -77,7 +76,7 @@ def flags_of(domain, obs_type):
 
 @pytest.mark.full
 @pytest.mark.rendering
-@pytest.mark.parametrize(("domain", "obs_type"), brief(CASES, [case for case in CASES if case[0] == "kitchen"]))
+@pytest.mark.parametrize(("domain", "obs_type"), brief(OBSERVED, once_per_observation_type()[::3]))
 def test_recorded_policies_see_what_the_observation_type_shows(domain, obs_type, watcher, run, folder):
     kwargs, flags = flags_of(domain, obs_type)
     environment = gymnasium.make(
