@@ -21,13 +21,22 @@ RECORDINGS = {
     "depth": ("--domain_name=open_cabinet", f"--task_kwargs={DEPTH}"),
 }
 RENDERED = ("pictures", "depth")
+# Nested goals, masks of tasks, further terms in infos, and images: the others have the same kinds of arrays.
+IN_EVERY_RUN = ("goals by task", "requested tasks", "reward terms", "depth")
 EPISODES = 12
 ID = "kitchen/recorded-v0"
 
 
 @pytest.fixture(
     params=[
-        pytest.param(arguments, id=name, marks=pytest.mark.rendering if name in RENDERED else ())
+        pytest.param(
+            arguments,
+            id=name,
+            marks=[
+                *([pytest.mark.rendering] if name in RENDERED else []),
+                *([] if name in IN_EVERY_RUN else [pytest.mark.nightly]),
+            ],
+        )
         for name, arguments in RECORDINGS.items()
     ]
 )

@@ -50,6 +50,7 @@ def assert_evaluated(output):
     assert replay.main([str(output / "receipt.npz")]) == 0
 
 
+@pytest.mark.nightly
 def test_flow_matching_learns_from_demonstrations(demonstrations, tmp_path):
     output = tmp_path / "flow"
     run("flow", demonstrations, f"--output={output}", *SHORT)
@@ -63,7 +64,7 @@ def test_flow_matching_is_evaluated_in_another_task(demonstrations, tmp_path):
     assert json.loads((output / "evaluation.json").read_text(encoding="utf-8"))["task_name"] == "kettle"
 
 
-@pytest.mark.parametrize("extraction", ["weights", "flow"])
+@pytest.mark.parametrize("extraction", [pytest.param("weights", marks=pytest.mark.nightly), "flow"])
 def test_implicit_q_learning_learns_from_failed_episodes(rewarded, tmp_path, extraction):
     output = tmp_path / "iql"
     run("iql", rewarded, f"--output={output}", f"--extraction={extraction}", "--candidates=5", *SHORT)
@@ -73,10 +74,3 @@ def test_implicit_q_learning_learns_from_failed_episodes(rewarded, tmp_path, ext
 def test_a_recording_without_success_is_named(rewarded, tmp_path):
     printed = run("flow", rewarded, f"--output={tmp_path / 'flow'}", *SHORT, status=1)
     assert f"{rewarded} holds no successful episode" in printed
-
-
-@pytest.mark.parametrize("name", ["flow", "iql"])
-def test_help_has_an_example_and_every_flag(name):
-    printed = run(name, "--help")
-    assert f"python docs/baselines/{name}.py" in printed
-    assert all(f"--{flag}" in printed for flag in ("output", "num_steps", "seed", "eval_episodes", "chunk"))
