@@ -15,7 +15,6 @@ from kitchen_suite.entities.generated_kitchen import MAX_PARTS
 from kitchen_suite.names import FAST
 from kitchen_suite.tasks.generated_kitchens.mdp import CLOSED, NOISE_SIZE, OPEN, SIZE, SLICES, SLOT_SIZE, SLOT_SLICES
 from kitchen_suite.tasks.generated_kitchens.requests import VERBS
-from kitchen_suite.tasks.generated_kitchens.task import RESET_NOISE
 
 # A kitchen with an oven, a hood, a kettle, drawers and doors, and one with a stove, drawers and doors.
 ROWS = [
@@ -218,8 +217,9 @@ def test_the_start_pose_has_noise_on_the_arm_alone():
         environment.reset()
         poses.append(environment.physics.bind(environment.task.robot.joints).qpos.copy())
     spread = np.ptp(poses, axis=0)
-    assert (spread[:7] > RESET_NOISE).all()
-    assert (spread[:7] < 2 * RESET_NOISE).all()
+    # Of 0.1 rad at most, which 20 draws leave unfilled by a third at most.
+    assert (spread[:7] > 0.065).all()
+    assert (spread[:7] <= 0.1).all()
     np.testing.assert_array_equal(spread[7:], 0.0)
 
 
