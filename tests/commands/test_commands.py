@@ -51,14 +51,6 @@ def test_help_lists_every_flag(name, capsys):
     assert {*flag_lines(out)} == {*command.flags()} - {"h"}
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_the_help_of_a_flag_is_a_sentence(name):
-    values = find(name).flags()
-    for flag in values:
-        # absl puts the choices of a flag before its help.
-        assert re.fullmatch(r"(<[\w|]+>: )?[A-Za-z][^\n]*[.]", values[flag].help), flag
-
-
 def test_bounds_are_those_of_the_environments():
     values = record.COMMAND.flags()
     assert values["num_envs"].parser.upper_bound == checks.MAX_ENVS

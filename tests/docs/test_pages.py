@@ -58,13 +58,6 @@ def test_pages_install_the_suite_in_the_form_of_the_errors():
         assert set(named) <= {requirement}, page.name
 
 
-def test_pages_that_trainers_read_first_link_the_fast_physics():
-    guide = DOCS / "guide"
-    pages = [guide / f"{name}.md" for name in ("migrating", "vector", "training")]
-    for page in [*pages, *(guide / "recipes").glob("*.md")]:
-        assert "fast_physics.md)" in page.read_text(encoding="utf-8"), page.name
-
-
 def test_no_two_pages_of_the_site_have_one_name():
     names = [path.stem for path in DOCS.rglob("*.md") if path.parent.name != "experiments"]
     assert [name for name in names if names.count(name) > 1] == []
