@@ -123,21 +123,6 @@ def test_a_change_of_an_almost_constant_observation_is_not_clipped():
     np.testing.assert_allclose(scaler(torch.full((1, 25), -4.0))[0].numpy(), -10)
 
 
-def test_training_stays_on_the_cpu_where_there_is_a_gpu(monkeypatch):
-    import torch
-
-    # A module without a given device would now choose one that does not exist.
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    envs = environments(SMALL["num_envs"])
-    taught = learner(envs)
-    taught.start(0)
-    taught.learn()
-    envs.close()
-    for module in taught.agent.modules.values():
-        if isinstance(module, torch.nn.Module):
-            assert {tensor.device.type for tensor in module.state_dict().values()} == {"cpu"}
-
-
 def test_a_batch_changes_policy_and_values_and_counts_its_steps(trained):
     before, steps = [parameters(trained.agent.networks[name]) for name in ("policy", "value")], trained.steps
     means = trained.learn()
