@@ -43,6 +43,8 @@ VARIED: tuple[ParameterVariation, ...] = (
     one_of("sensing/action_delay", "sensing", seen=(0.0, 1.0), held_out=(1.0,)),
     *appearance.cameras("overview", "left", "right", "franka/wrist", "franka/hand"),
     *PUSH,
+    # Last, so that the others are drawn as before there was this one.
+    *appearance.cameras("workspace"),
 )
 
 HOME = INITIAL_QPOS[:9]  # Positions of the robot's joints at the start [rad, m].

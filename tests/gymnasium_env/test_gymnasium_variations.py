@@ -409,12 +409,20 @@ def test_pictures_show_the_appearance():
 @each_domain
 def test_values_given_back_repeat_the_pictures(domain):
     groups = [group for group in groups_of(domain) if group in ("layout", "appearance", "camera")]
-    pictures = {**PICTURES, "cameras": ["overview"]}
-    env, again = (make(domain, groups, **pictures) for _ in range(2))
-    default, _ = plain(domain, **pictures).reset(seed=7)
+    env, again = (make(domain, groups, **PICTURES) for _ in range(2))
+    default, _ = plain(domain, **PICTURES).reset(seed=7)
     seen, info = env.reset(seed=7)
     again.reset(seed=8)
     np.testing.assert_array_equal(again.reset(seed=7, options={"variation_values": info["variation_values"]})[0], seen)
     assert np.abs(seen.astype(int) - default).mean() > 5
     for each in (env, again):
         each.close()
+
+
+@each_domain
+def test_the_cameras_of_images_are_among_those_that_vary(domain):
+    env = plain(domain, variations="camera")
+    varied = env.composer_task.variations.ranges
+    for camera in env.default_cameras:
+        assert f"camera/{camera}_offset" in varied
+    env.close()
