@@ -130,19 +130,20 @@ def test_a_callable_plays_on_workers():
     assert many == {episode.seed: episode.digest for episode in kitchen_suite.play(spec, **arguments)}
 
 
-def probe(part):
-    """When a worker began and ended, its processors, its threads of NumPy, and its process."""
-    import ray
-
-    start = time.monotonic()
-    time.sleep(0.2)
-    cpus = ray.get_runtime_context().get_assigned_resources()["CPU"]
-    return [(start, time.monotonic(), cpus, os.environ["OMP_NUM_THREADS"])]
-
-
 @pytest.mark.parametrize("cpus", [None, processors(), 0.5])
 def test_workers_reserve_what_they_use_and_no_more_play_at_once_than_fit(monkeypatch, cpus):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+
+    # Inside, since workers cannot import a module of tests.
+    def probe(part):
+        """When a worker began and ended, its processors, and its threads of NumPy."""
+        import ray
+
+        start = time.monotonic()
+        time.sleep(0.2)
+        cpus = ray.get_runtime_context().get_assigned_resources()["CPU"]
+        return [(start, time.monotonic(), cpus, os.environ["OMP_NUM_THREADS"])]
+
     workers = 2 * processors() + 1
     cluster = Cluster(workers, cpus_per_worker=cpus)
     found = [*cluster.run(probe, (), range(4 * workers), num_threads=1)]
