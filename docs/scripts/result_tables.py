@@ -187,6 +187,18 @@ def sequence_table() -> str:
     return markdown(("trained on", "tasks asked", "episodes", *_RATES, "mean tasks"), rows)
 
 
+def learning_curve_table() -> str:
+    """Returns the table of Stable-Baselines3's seeds: when half of the episodes succeed, and how many at the end."""
+    rows = []
+    for row in read_results("learning_curves"):
+        first = next((i for i, success in enumerate(row["success"]) if success >= 0.5), None)
+        half = ("never", "") if first is None else (f"{row['control_steps'][first]:,}", f"{row['minutes'][first]:.1f}")
+        end = (f"{row['control_steps'][-1]:,}", f"{row['minutes'][-1]:.1f}", f"{row['success'][-1]:.0%}")
+        rows.append((row["seed"], *half, *end))
+    header = ("seed", "half succeed after", "minutes", "control steps", "minutes", "success at the end")
+    return markdown(header, rows)
+
+
 def training_speed_table() -> str:
     """Returns the table of the speed of training, and what takes its time."""
     rows = [
@@ -386,7 +398,9 @@ def with_interval(condition: Mapping[str, Any], name: str) -> str:
 
 def _score(result: Mapping[str, Any], condition: Mapping[str, Any]) -> str:
     score = PROTOCOLS[result["protocol"]].score
-    return f"{condition[score.name]:.3g}" if score else ""
+    # A protocol that measures the quality ranks by clean success.
+    name = score.name if score else "clean_success"
+    return f"{condition[name]:.3g}" if name in condition else ""
 
 
 def _task_rate(row: Mapping[str, Any] | None) -> str:
@@ -980,6 +994,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "training_network": network_table,
     "training_sequences": sequence_table,
     "training_speed": training_speed_table,
+    "learning_curves": learning_curve_table,
     "training_drawer": drawer_table,
     "variations_experts": varied_expert_table,
     "variations_layouts": layout_table,
