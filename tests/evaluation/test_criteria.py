@@ -49,12 +49,90 @@ def test_goals_are_taken_from_recorded_states():
         "goal_states": states[-2:].tolist(),
     }
     assert criteria.last_frames(states, [], generator) is None
-    # Only from 10 to 29 does the microwave open within 30 steps.
-    drawn = [criteria.later_state(states, [], generator) for _ in range(20)]
-    assert all(options["start_state"][22] == 0.0 for options in drawn)
-    assert all(options["goal_states"][0][22] == -0.2 for options in drawn)
+    # Only from 10 to 29 does the microwave open within 30 steps. The robot, which has steps here, does not count.
+    states[:, 0] = np.arange(60)
+    drawn = [criteria.later_state(states, [], generator) for _ in range(400)]
+    assert {options["start_state"][0] for options in drawn} == {*range(10, 30)}
+    for options in drawn:
+        first = int(options["start_state"][0])
+        assert options == {"start_state": states[first].tolist(), "goal_states": [states[first + 30].tolist()]}
     assert criteria.later_state(states[:40], [], generator) is None
     assert criteria.later_state(states[:20], [], generator) is None
+    # A distance of 0.1 is no movement.
+    states[40:, 22] = 0.1
+    assert criteria.later_state(states, [], generator) is None
+    states[40:, 22] = np.nextafter(0.1, 1.0)
+    assert criteria.later_state(states, [], generator) is not None
+
+
+def test_a_goal_is_reached_up_to_its_distance():
+    # Of the numbers, an object at either end; the robot does not count.
+    for column, distance, expected in (
+        (9, 0.1, True),
+        (9, 0.101, False),
+        (29, 0.1, True),
+        (29, 0.101, False),
+        (8, 9.0, True),
+    ):
+        start, goal, other = np.zeros(30), np.zeros(30), np.ones(30)
+        goal[column] = distance
+        assert criteria.goal_reached(np.stack([other, start]), np.stack([other, other, goal])) is expected
+        options = {"start_state": start.tolist(), "goal_states": [other.tolist(), other.tolist(), goal.tolist()]}
+        assert criteria.holds_at_start(options) is expected
+        assert criteria.holds_at_start({**options, "requested_tasks": ["kettle"]}) is expected
+    near = {"start_state": [0.0] * 30, "goal_states": [[0.0] * 30]}
+    assert criteria.holds_at_start(near)
+    for name in near:
+        assert not criteria.holds_at_start({name: near[name]})
+    assert not criteria.holds_at_start({})
+
+
+def test_positions_at_lexas_limits_do_not_count():
+    goal = np.zeros(30)
+    for name, column, limit in (
+        ("bottom_burner", 9, -0.38),
+        ("top_burner", 13, -0.38),
+        ("light_switch", 17, -0.25),
+        ("slide_cabinet", 19, 0.1),
+        ("hinge_cabinet", 21, 0.2),
+        ("microwave", 22, 0.2),
+        ("kettle", 23, 0.2),
+        ("kettle", 24, 0.2),
+    ):
+        state = np.zeros(30)
+        assert criteria.lexa_objects(state, goal)[name]
+        state[column] = limit
+        assert not criteria.lexa_objects(state, goal)[name]
+        state[column] = np.nextafter(limit, 0.0)
+        assert criteria.lexa_objects(state, goal)[name]
+    for name, column, limit in (("bottom_burner", 9, -0.38), ("top_burner", 13, -0.38), ("light_switch", 17, -0.25)):
+        state, on = np.zeros(30), np.zeros(30)
+        state[column], on[column] = limit, -0.7
+        assert not criteria.lexa_objects(state, on)[name]
+        state[column] = np.nextafter(limit, -1.0)
+        assert criteria.lexa_objects(state, on)[name]
+
+
+def test_earls_distance_includes_its_end():
+    states = np.zeros((2, 30))
+    # Where EARL has the knobs, burners, switch and light, all but closed.
+    knob, burner = 2.4559975e-05, 2.954692e-07
+    states[:, 9:19] = [2.456005e-05, 2.9547007e-07, *[knob, burner] * 3, 2.161876e-05, 5.0806757e-06]
+    for column in (19, 22):
+        for distance, expected in ((0.3, True), (0.301, False)):
+            row = states[1].copy()
+            row[column] = distance
+            assert criteria.earl_success(np.stack([states[0], row])) is expected
+
+
+def test_the_robot_of_gas_is_where_gas_has_it():
+    robot = [-2.4308119, -1.444008, 1.0221981, -1.7869282, 0.18872257, 1.6170777, 1.2863032, 0.025421469, 0.0074267522]
+    goal = criteria.goal_state({"microwave": [-0.75]}, criteria.GAS_ROBOT)
+    np.testing.assert_array_equal(goal, [*robot, *[0.0] * 13, -0.75, *[0.0] * 7])
+
+
+def test_goals_of_recorded_states_have_fifty_steps():
+    assert PROTOCOLS["goal-reaching"].max_episode_steps == 50
 
 
 def published_lexa(qpos, start, objects):
@@ -157,19 +235,6 @@ def test_goals_of_conditions_are_those_that_are_measured(name):
         measures = plan.measures[condition]
         assert all(of(np.stack([start, goal]), np.zeros((0, 30))) for of in measures.values()), condition
         assert not any(of(np.stack([start, start]), np.zeros((0, 30))) for of in measures.values()), condition
-
-
-def test_scores_over_all_conditions():
-    scores = {
-        "one": {"task_relevant_success": 1.0, "all_objects_success": 0.5},
-        "other": {"task_relevant_success": 0.5, "all_objects_success": 0.0},
-    }
-    assert PROTOCOLS["lexa"].overall(scores) == {"task_relevant_success": 0.75, "all_objects_success": 0.25}
-    reached = dict(zip([name for (name,) in criteria.LEXA_SINGLES], [0.0, 0.1, 1.0, 0.0, 0.0, 0.5], strict=True))
-    assert PROTOCOLS["metra"].overall({"skills": reached}) == {"goals_reached": 3}
-    shorter = {"p1": 1.0, "p2": 0.5, "p3": 0.0, "mean_length": 1.5}
-    assert PROTOCOLS["calvin"].overall({"set 0": shorter}) == {**shorter, "p4": 0.0, "p5": 0.0}
-    assert PROTOCOLS["default"].overall(scores) == {}
 
 
 @pytest.mark.full

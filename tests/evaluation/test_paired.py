@@ -1,8 +1,13 @@
 """Statistics of paired episodes: published values of textbook tables, limits, symmetry, and Holm's method."""
 
+import dataclasses
+import math
+import types
+
 import numpy as np
 import pytest
 
+from kitchen_suite.evaluation import paired
 from kitchen_suite.evaluation.paired import PairedVerdicts, holm, mean_difference, score_interval
 
 # Wins, losses and pairs; the interval and its level; the exact p-value of McNemar's test, None where none is published.
@@ -60,10 +65,13 @@ def test_intervals_are_possible_and_never_certain(count):
     assert score_interval(count, 0, count)[1] == 1.0
 
 
-def test_an_interval_without_differences_is_that_of_the_score_equation():
-    low, high = score_interval(0, 0, 50)
-    square = 1.959964**2
-    assert (low, high) == pytest.approx((-square / (50 + square), square / (50 + square)))
+# Levels with their quantiles of the normal distribution.
+@pytest.mark.parametrize(
+    ("count", "confidence", "quantile"), [(50, 0.95, 1.959964), (1, 0.95, 1.959964), (1, 0.5, 0.674490)]
+)
+def test_an_interval_without_differences_is_that_of_the_score_equation(count, confidence, quantile):
+    bound = quantile**2 / (count + quantile**2)
+    assert score_interval(0, 0, count, confidence) == pytest.approx((-bound, bound), rel=1e-5)
 
 
 def test_swapping_the_policies_mirrors_everything():
@@ -83,7 +91,23 @@ def test_without_wins_and_losses_no_difference_is_found():
     assert (verdicts.wins, verdicts.losses, verdicts.ties, verdicts.p_value) == (0, 0, 2, 1.0)
 
 
-@pytest.mark.parametrize(("first", "second"), [([], []), ([True], [True, False])])
+def test_verdicts_are_counted_by_which_policy_succeeded():
+    first = [True] * 5 + [False] * 5
+    second = [True, True, False, False, False, True, False, False, False, False]
+    with np.errstate(all="raise"):
+        verdicts = PairedVerdicts.of(first, second)
+    assert (verdicts.wins, verdicts.losses, verdicts.ties, verdicts.count) == (3, 1, 6, 10)
+    assert verdicts.difference == pytest.approx(0.2)
+    assert verdicts.interval == score_interval(3, 1, 10, 0.95)
+    # Of four coins, three or more alike: 2 (1 + 4) / 2^4.
+    assert verdicts.p_value == pytest.approx(0.625)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        verdicts.wins = 4
+    with pytest.raises(TypeError, match="positional"):
+        PairedVerdicts(3, 1, 6)
+
+
+@pytest.mark.parametrize(("first", "second"), [([], []), ([True, False], [True]), ([True], [True, False])])
 def test_verdicts_that_are_no_pairs_are_refused(first, second):
     with pytest.raises(ValueError, match="no pairs"):
         PairedVerdicts.of(first, second)
@@ -97,6 +121,34 @@ def test_the_bootstrap_is_that_of_the_mean_and_the_same_every_time():
     half = 1.96 * values.std(ddof=1) / 20
     assert (low, high) == pytest.approx((middle - half, middle + half), abs=0.2 * half)
     assert mean_difference(values, greatest=4) == (middle, (low, high))
+
+
+@pytest.mark.parametrize(("size", "batch"), [(2, 5_000_000), (3, 3_333_333)])
+def test_the_bootstrap_has_fixed_random_numbers_and_little_memory(size, batch, monkeypatch):
+    """It holds at most ten million numbers at once, but of at least one sample."""
+    given = {}
+
+    def bootstrap(data, statistic, **others):
+        given.update(others, data=data, mean=statistic(np.array([1.0, 3.0])))
+        return types.SimpleNamespace(confidence_interval=types.SimpleNamespace(low=-2, high=5))
+
+    monkeypatch.setattr(paired.stats, "bootstrap", bootstrap)
+    assert mean_difference(np.arange(size)) == ((size - 1) / 2, (-2.0, 5.0))
+    assert (given["confidence_level"], given["n_resamples"], given["batch"]) == (0.95, 9999, batch)
+    assert given["random_state"].random() == np.random.default_rng(0).random()
+    assert given["mean"] == 2.0
+    np.testing.assert_array_equal(given["data"], [np.arange(size)])
+    monkeypatch.setattr(paired, "_BATCH_NUMBERS", size - 1)
+    mean_difference(np.arange(size))
+    assert given["batch"] == 1
+
+
+def test_differences_of_at_most_one_are_differences():
+    # The bootstrap of a share agrees roughly with the normal interval, 0.5 -+ 1.96 x 0.5 / sqrt(100).
+    middle, interval = mean_difference([0.0, 1.0] * 50)
+    assert (middle, interval) == (0.5, pytest.approx((0.402, 0.598), abs=0.02))
+    middle, interval = mean_difference([0.0, math.ldexp(1.0, -10)] * 50)
+    assert interval == pytest.approx((0.402 / 1024, 0.598 / 1024), abs=0.02 / 1024)
 
 
 def test_equal_differences_leave_the_others_that_the_exact_limit_allows():

@@ -261,6 +261,7 @@ def test_the_numbers_of_a_protocol_are_the_published_ones(name):
     assert played == conditions
     # The kitchen's own episodes have as many control steps.
     assert (protocol.seed, protocol.num_episodes, protocol.max_episode_steps or 280) == (seed, episodes, steps)
+    assert type(protocol.num_episodes) is int
     assert protocol.score == (score and Score(name=score[0], best=score[1], tasks=score[2]))
 
 
@@ -312,6 +313,22 @@ def test_diffusion_policys_episodes_are_those_of_its_code():
     assert task.mdp.action_mode.name == "joint_position"
     np.testing.assert_array_equal(task.mdp.noise_scale, 0.1 * AMPLITUDES)
     assert suite_env(environment).environment.control_timestep() == pytest.approx(1 / 12.5)
+
+
+def test_scores_over_all_conditions():
+    scores = {
+        "one": {"task_relevant_success": 1.0, "all_objects_success": 0.5},
+        "other": {"task_relevant_success": 0.5, "all_objects_success": 0.0},
+    }
+    assert PROTOCOLS["lexa"].overall(scores) == {"task_relevant_success": 0.75, "all_objects_success": 0.25}
+    reached = dict(zip([name for (name,) in criteria.LEXA_SINGLES], [0.0, 0.1, 1.0, 0.0, 0.0, 0.5], strict=True))
+    assert PROTOCOLS["metra"].overall({"skills": reached}) == {"goals_reached": 3}
+    shorter = {"p1": 1.0, "p2": 0.5, "p3": 0.0, "mean_length": 1.5}
+    assert PROTOCOLS["calvin"].overall({"set 0": shorter}) == {**shorter, "p4": 0.0, "p5": 0.0}
+    assert PROTOCOLS["default"].overall(scores) == {}
+    # A third has six decimals.
+    thirds = {str(number): {"earl_success": number // 2} for number in range(3)}
+    assert PROTOCOLS["earl"].overall(thirds) == {"earl_success": 0.333333}
 
 
 def test_the_conditions_of_shift_have_names():

@@ -12,7 +12,8 @@ from kitchen_suite.commands import evaluate as evaluate_command
 from kitchen_suite.commands import record, replay, rollout
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.evaluation import quality
-from kitchen_suite.evaluation.quality import CLEAN_SUCCESS, INFOS, STRAY_FORCE
+from kitchen_suite.evaluation.quality import CLEAN_SUCCESS, INFOS
+from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
 from kitchen_suite.policies import PolicyRef
 
 SHORT = {"num_episodes": 2, "num_envs": 2, "num_threads": 1, "max_episode_steps": 4}
@@ -25,13 +26,41 @@ def infos(**others):
 
 def test_clean_success_needs_success_nothing_disturbed_and_little_force_on_the_arm():
     assert quality.measures(True, infos())[CLEAN_SUCCESS]
-    assert quality.measures(True, infos(peak_arm_contact_force=np.array(STRAY_FORCE)))[CLEAN_SUCCESS]
+    assert quality.measures(True, infos(peak_arm_contact_force=np.array(10.0)))[CLEAN_SUCCESS]
     # The hand may press as hard as it likes.
     assert quality.measures(True, infos(peak_contact_force=np.array(1e6)))[CLEAN_SUCCESS]
     assert not quality.measures(False, infos())[CLEAN_SUCCESS]
     assert not quality.measures(True, infos(objects_disturbed=np.array(1)))[CLEAN_SUCCESS]
-    above = np.array(np.nextafter(STRAY_FORCE, np.inf))
+    above = np.array(np.nextafter(10.0, np.inf))
     assert not quality.measures(True, infos(peak_arm_contact_force=above))[CLEAN_SUCCESS]
+
+
+def test_intervals_of_measures_end_at_zero_but_that_of_the_logarithm():
+    results = [
+        EpisodeResult(
+            condition="all",
+            episode=number,
+            seed=number,
+            success=True,
+            progress=1.0,
+            control_steps=9,
+            measures=dict.fromkeys(INFOS, float(number)),
+        )
+        for number in range(2)
+    ]
+    intervals = score_episodes(results)["intervals"]
+    # The quantile of Student's t for one degree of freedom is 12.706205.
+    low = pytest.approx(0.5 - 12.706205 / 2, abs=1e-5)
+    assert {name: intervals[name][0] for name in INFOS} == {
+        "objects_disturbed": 0.0,
+        "stray_contacts": 0.0,
+        "peak_arm_contact_force": 0.0,
+        "peak_contact_force": 0.0,
+        "mean_contact_force": 0.0,
+        "energy": 0.0,
+        "path_length": 0.0,
+        "log_dimensionless_jerk": low,
+    }
 
 
 @pytest.mark.full

@@ -103,6 +103,11 @@ def test_conditions_that_are_a_sample_have_the_interval_of_their_mean():
     half = 2.776445 * np.std(shares, ddof=1) / math.sqrt(5)
     assert (scored["success"], scored["diverged_seeds"]) == (0.6, [0, 1, 2, 3, 4])
     assert scored["intervals"]["success"] == pytest.approx([0.6 - half, 1.0], abs=1e-6)
+    others = {name: {**each, "success": 1 - each["success"]} for name, each in by_condition.items()}
+    assert scores.score_sample(others, ("success",))["intervals"]["success"] == pytest.approx([0, 0.4 + half], abs=1e-6)
+    # An exact limit of 1 - 0.025^(1/5) is left to what was not seen.
+    never = {name: {**each, "success": 0.0} for name, each in by_condition.items()}
+    assert scores.score_sample(never, ("success",))["intervals"]["success"] == pytest.approx([0, 0.521824], abs=1e-6)
 
 
 def test_no_episode_has_no_score():
@@ -242,6 +247,17 @@ def test_scores_have_six_decimals_and_each_its_interval():
     assert any(round(bound, 5) != bound for bounds in intervals for bound in bounds)
 
 
+def test_verdicts_among_further_measures_are_rates_and_numbers_means():
+    measured = [{"gentle": True, "energy": 0.0, "gain": -5}, {"gentle": False, "energy": 1.0, "gain": 5}]
+    results = [dataclasses.replace(RESULTS[0], measures=each) for each in measured]
+    scored = score_episodes(results)
+    assert [scored[name] for name in ("gentle", "energy", "gain")] == [0.5, 0.5, 0.0]
+    assert scored["intervals"]["gentle"] == pytest.approx(scores.wilson(1, 2), abs=1e-6)
+    # The quantile of Student's t for one degree of freedom is 12.706205. Energies are not negative, gains may be.
+    assert scored["intervals"]["energy"] == pytest.approx([0.0, 0.5 + 0.5 * 12.706205], abs=2e-6)
+    assert scored["intervals"]["gain"] == pytest.approx([-5 * 12.706205, 5 * 12.706205], abs=1e-5)
+
+
 def test_one_episode_has_scores_without_intervals_of_means():
     scored = score_episodes(RESULTS[:1])
     assert (scored["mean_tasks"], scored["success"], scored["order_entropy"]) == (2.0, 1.0, 0.0)
@@ -321,9 +337,31 @@ def test_a_result_is_read_from_its_line(each):
         EpisodeResult.from_line(line, "another evaluation")
 
 
+def test_a_result_as_json_is_without_its_trace():
+    one = dataclasses.replace(RESULTS[0], trace="abc", measures={"energy": 2.0}, reset={"a": 1})
+    assert one.as_json() == {
+        "condition": "all",
+        "episode": 0,
+        "seed": 100,
+        "success": True,
+        "progress": 0.5,
+        "control_steps": 50,
+        "asked": {"kettle": 20, "microwave": 50},
+        "diverged": False,
+        "measures": {"energy": 2.0},
+        "reset": {"a": 1},
+    }
+
+
+def test_the_greatest_seed_is_that_of_64_bits():
+    one = dataclasses.replace(RESULTS[0], seed=9223372036854775807)
+    assert EpisodeResult.from_line(one.as_line(""), "") == one
+
+
 LINE = RESULTS[0].as_line("")
 # Lines whose digests are their own.
-BEYOND = [{"control_steps": -1}, {"control_steps": 1e30}, {"seed": -1}, {"episode": -1}, {"asked": {"kettle": -1}}]
+BEYOND = [{"control_steps": -1}, {"control_steps": 1e30}, {"seed": -1}, {"seed": 2**63}, {"episode": -1}]
+BEYOND += [{"asked": {"kettle": -1}}]
 FORGED = [files.digest_line({**dataclasses.asdict(RESULTS[0]), **changes}, "").encode() for changes in BEYOND]
 
 

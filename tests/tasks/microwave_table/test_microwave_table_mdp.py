@@ -128,3 +128,9 @@ def test_reward_terms_by_hand():
     assert tuple(terms) == ("approach", "opening")
     np.testing.assert_allclose(terms["approach"], [1.0, 1.0 - np.tanh(1.0), 1.0])
     np.testing.assert_allclose(terms["opening"], [1.0, 0.0, 5.0])
+
+
+def test_settings_are_given_by_name():
+    assert MicrowaveTableMDP(sensors=MDP.sensors, threshold=0.25, action_mode=None, rewards=REWARDS) == MDP
+    with pytest.raises(TypeError, match="positional"):
+        MicrowaveTableMDP(MDP.sensors, 0.25, action_mode=None, rewards=REWARDS)
