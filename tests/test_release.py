@@ -1,7 +1,9 @@
 """The checklist of a release, `.ci/release.py`, and the files that it compares."""
 
 import importlib.util
+import os
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -137,9 +139,7 @@ def stages():
 
 
 def test_every_stage_is_run_somewhere_and_every_stage_that_is_run_exists():
-    called = re.findall(
-        r"^for stage in (.*); do$|^stages_before \d+ (.*)$", (ROOT / ".ci" / "run").read_text(), re.MULTILINE
-    )
+    called = re.findall(r"^for stage in (.*); do$|^others=\((.*)\)$", (ROOT / ".ci" / "run").read_text(), re.MULTILINE)
     run = {name for names in called for name in " ".join(names).split()}
     workflows = [path.read_text(encoding="utf-8") for path in (ROOT / ".github" / "workflows").glob("*.yml")]
     listed = {
@@ -147,3 +147,37 @@ def test_every_stage_is_run_somewhere_and_every_stage_that_is_run_exists():
     }
     assert {"tests", "clients", "full"} < run <= stages()
     assert listed == stages()
+
+
+def run_with(stage, folder, commits):
+    """Runs `.ci/run` after so many commits, with a script in place of `.ci/stage`; returns its status and lines."""
+    (folder / ".ci").mkdir(parents=True)
+    (folder / "bin").mkdir()
+    shutil.copy(ROOT / ".ci" / "run", folder / ".ci")
+    (folder / ".ci" / "stage").write_text(stage, encoding="utf-8")
+    (folder / "bin" / "git").write_text(f"#!/bin/sh\necho {commits}\n", encoding="utf-8")
+    (folder / "bin" / "git").chmod(0o755)
+    path = f"{folder / 'bin'}:{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", folder / ".ci" / "run"], env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stdout.splitlines()
+
+
+def test_a_run_begins_with_what_is_required_and_gives_each_other_stage_its_turn(tmp_path):
+    seen = []
+    for commits in range(9):
+        status, lines = run_with('echo "$1"', tmp_path / str(commits), commits)
+        assert status == 0
+        assert lines[:4] == ["tests", "lint", "types", "package"]
+        assert lines[-1].startswith("== passed in ")
+        seen.append(lines[4:-1])
+    # With time for all, each is played at every commit, and each comes first at one of them.
+    assert {frozenset(each) for each in seen} == {frozenset(each[0] for each in seen)}
+    assert all(len(each) == 9 for each in seen)
+
+
+def test_a_run_ends_with_the_first_stage_that_fails(tmp_path):
+    status, lines = run_with('echo "$1"; [ "$1" != types ]', tmp_path, 0)
+    assert status != 0
+    assert lines == ["tests", "lint", "types"]
