@@ -1,4 +1,4 @@
-"""Closing of what a constructor has opened where it then fails."""
+"""Closes the resources of a constructor that fails."""
 
 import contextlib
 from collections.abc import Iterable, Iterator
@@ -6,10 +6,10 @@ from typing import Protocol
 
 
 class Closeable(Protocol):
-    """What holds something until it is closed: threads, a GL context, a port or a connection."""
+    """An object with resources that `close` frees: threads, a GL context, a port or a connection."""
 
     def close(self) -> object:
-        """Frees what it holds."""
+        """Frees the resources."""
 
 
 @contextlib.contextmanager

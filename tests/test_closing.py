@@ -1,4 +1,4 @@
-"""What a function or constructor has opened is closed where it then fails."""
+"""A constructor that fails closes what it has opened."""
 
 import contextlib
 import dataclasses

@@ -150,7 +150,7 @@ def test_every_stage_is_run_somewhere_and_every_stage_that_is_run_exists():
 
 
 def run_with(stage, folder, commits):
-    """Runs `.ci/run` after so many commits, with a script in place of `.ci/stage`; returns its status and lines."""
+    """Returns the exit status and the lines of `.ci/run` after so many commits; `stage` is the script `.ci/stage`."""
     (folder / ".ci").mkdir(parents=True)
     (folder / "bin").mkdir()
     shutil.copy(ROOT / ".ci" / "run", folder / ".ci")

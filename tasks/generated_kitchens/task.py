@@ -43,7 +43,7 @@ VARIED: tuple[ParameterVariation, ...] = (
     one_of("sensing/action_delay", "sensing", seen=(0.0, 1.0), held_out=(1.0,)),
     *appearance.cameras("overview", "left", "right", "franka/wrist", "franka/hand"),
     *PUSH,
-    # Last, so that the others are drawn as before there was this one.
+    # Last, so that a seed draws the other parameters as before there was this camera.
     *appearance.cameras("workspace"),
 )
 

@@ -74,7 +74,9 @@ def test_a_goal_is_reached_up_to_its_distance():
         (29, 0.101, False),
         (8, 9.0, True),
     ):
-        start, goal, other = np.zeros(30), np.zeros(30), np.ones(30)
+        start = np.zeros(30)
+        goal = np.zeros(30)
+        other = np.ones(30)
         goal[column] = distance
         assert criteria.goal_reached(np.stack([other, start]), np.stack([other, other, goal])) is expected
         options = {"start_state": start.tolist(), "goal_states": [other.tolist(), other.tolist(), goal.tolist()]}
