@@ -44,7 +44,8 @@ Size = Annotated[int, Interval(1, 2**16)]
 Units = Annotated[int, Interval(1, 2**14)]
 SamplesOrPasses = Annotated[int, Interval(1, 2**20)]
 Steps = Annotated[int, Interval(0, MAX_STEPS)]
-LearningRate = Annotated[float, Interval(0, 1, open_low=True)]
+# One that is too great ends in a message that names it: no limit would be the right one for all networks.
+LearningRate = Annotated[float, Interval(0, math.inf, open_low=True, open_high=True)]
 Fraction = Annotated[float, Interval(0, 1)]
 # Of moving averages and processes, which would never move at 1.
 Decay = Annotated[float, Interval(0, 1, open_high=True)]

@@ -67,7 +67,7 @@ def test_both_ends_of_a_range_are_kept_and_what_is_beyond_is_refused(config, nam
 
 # What a person would expect of those that are most often changed, to compare the table of ranges with.
 EXPECTED = {
-    "learning_rate": ([1e-9, 1.0], [0, -1e-3, 1.1]),
+    "learning_rate": ([1e-9, 1e30], [0, -1e-3, math.inf]),
     "discount": ([1e-3, 1], [0, 1.01]),
     "gae_lambda": ([0, 1], [-0.1, 1.1]),
     "averaging": ([0, 0.999], [1]),
