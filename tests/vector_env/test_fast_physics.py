@@ -24,7 +24,7 @@ def load(domain="kitchen", **options):
 @pytest.mark.full
 @pytest.mark.parametrize(("domain", "steps"), [("kitchen", 6), ("microwave_table", 1), ("kitchens", 6)])
 def test_control_steps_are_as_long_and_physics_steps_are_longer(domain, steps):
-    fast, exact = load(domain, physics="fast"), load(domain)
+    fast, exact = (load(domain, physics=physics) for physics in ("fast", "exact"))
     assert fast.control_timestep() == exact.control_timestep()
     assert fast.task.physics_steps_per_control_step == steps < exact.task.physics_steps_per_control_step
     assert fast.physics.timestep() * steps == pytest.approx(fast.control_timestep())
