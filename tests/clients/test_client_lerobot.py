@@ -6,7 +6,6 @@ import os
 import pickle
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -233,34 +232,3 @@ def test_the_distribution_for_lerobot_registers_every_domain_by_its_name_alone()
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert DOMAINS.keys() <= {*done.stdout.split()}, done.stderr
-
-
-def test_the_page_is_a_teleoperator(port, tmp_path):
-    from helpers.viser_client import Browser
-    from lerobot.teleoperators.config import TeleoperatorConfig
-    from lerobot.teleoperators.utils import TeleopEvents
-
-    from kitchen_suite.lerobot.teleoperator import BrowserTeleop, BrowserTeleopConfig
-
-    config = BrowserTeleopConfig(id="one", calibration_dir=tmp_path, port=port)
-    assert TeleoperatorConfig.get_choice_class("kitchen_browser") is BrowserTeleopConfig
-    teleoperator = BrowserTeleop(config)
-    with refused(ConnectionError, "connect()"):
-        teleoperator.get_action()
-    with teleoperator:
-        assert teleoperator.is_connected
-        stays = {"delta_x": 0.0, "delta_y": 0.0, "delta_z": 0.0, "gripper": 1.0}
-        assert teleoperator.get_action() == stays
-        assert stays.keys() == teleoperator.action_features.keys()
-        with contextlib.closing(Browser(port)) as browser:
-            for label in ("Up", "Open or close"):
-                browser.press(label)
-            browser.click("Reset")
-            time.sleep(1.0)
-        assert teleoperator.get_action() == {**stays, "delta_z": pytest.approx(0.4), "gripper": 0.0}
-        events = teleoperator.get_teleop_events()
-        assert events[TeleopEvents.IS_INTERVENTION]
-        assert events[TeleopEvents.RERECORD_EPISODE]
-        assert teleoperator.get_action() == stays
-        assert not any(teleoperator.get_teleop_events().values())
-    assert not teleoperator.is_connected
