@@ -20,6 +20,7 @@ import concurrent.futures
 import difflib
 import hashlib
 import importlib.util
+import itertools
 import json
 import multiprocessing
 import os
@@ -122,9 +123,19 @@ def mutants(module: str) -> Iterator[Mutant]:
 
 def changed_lines(before: str, after: str) -> tuple[str, str]:
     """Returns the lines of two texts that differ, stripped, one after the other."""
-    lines = [*difflib.ndiff(before.splitlines(), after.splitlines())]
-    old, new = ("\n".join(line[2:].strip() for line in lines if line.startswith(sign)) for sign in ("- ", "+ "))
-    return old, new
+    old, new = before.splitlines(), after.splitlines()
+    first = common_length(old, new)
+    last = common_length(old[first:][::-1], new[first:][::-1])
+    # Only what is between the equal ends: difflib takes a second for the whole of a long module.
+    lines = [*difflib.ndiff(old[first : len(old) - last], new[first : len(new) - last])]
+    removed, added = ("\n".join(line[2:].strip() for line in lines if line.startswith(sign)) for sign in ("- ", "+ "))
+    return removed, added
+
+
+def common_length(first: list[str], second: list[str]) -> int:
+    """Returns how many lines two lists have in common from their beginning on."""
+    alike = itertools.takewhile(lambda pair: pair[0] == pair[1], zip(first, second, strict=False))
+    return sum(1 for _ in alike)
 
 
 class Results:
@@ -234,25 +245,15 @@ def run_tests(folder: Path, tests: tuple[str, ...]) -> None:
 
 
 def run(modules: list[str], *, again: bool, processes: int) -> None:
-    """Tests the mutants that have not been tested, or those that survived."""
+    """Tests the mutants that have not been tested, or those that survived, while those of the next module are made."""
     results = {module: Results(module) for module in modules}
-    waiting: queue.SimpleQueue[tuple[str, Mutant]] = queue.SimpleQueue()
-    for module in tqdm(modules, desc="mutants", unit="module", disable=None):
-        made, found = [*mutants(module)], results[module]
-        found.total = len(made)
-        tested = {*found.killed} if again else {*found.killed, *found.survived}
-        for mutant in made:
-            if mutant.name not in tested and not (again and mutant.name not in found.survived):
-                waiting.put((module, mutant))
-    lock, bar = threading.Lock(), tqdm(total=waiting.qsize(), unit="mutant", disable=None)
+    waiting: queue.SimpleQueue[tuple[str, Mutant] | None] = queue.SimpleQueue()
+    lock, bar = threading.Lock(), tqdm(total=0, unit="mutant", disable=None)
 
     def work(folder: Path) -> None:
         tester, checked = Tester(folder), set()
-        while True:
-            try:
-                module, mutant = waiting.get_nowait()
-            except queue.Empty:
-                return
+        while (item := waiting.get()) is not None:
+            module, mutant = item
             if module not in checked:
                 tester.check(module)
                 checked.add(module)
@@ -263,8 +264,27 @@ def run(modules: list[str], *, again: bool, processes: int) -> None:
                 bar.update()
 
     with tempfile.TemporaryDirectory() as folder, concurrent.futures.ThreadPoolExecutor(processes) as pool, bar:
-        for job in [pool.submit(work, Path(folder, str(number))) for number in range(processes)]:
+        jobs = [pool.submit(work, Path(folder, str(number))) for number in range(processes)]
+        try:
+            for module in modules:
+                chosen = to_test(module, results[module], again=again)
+                bar.total += len(chosen)
+                bar.refresh()
+                for mutant in chosen:
+                    waiting.put((module, mutant))
+        finally:
+            for _ in jobs:
+                waiting.put(None)
+        for job in jobs:
             job.result()
+
+
+def to_test(module: str, found: Results, *, again: bool) -> list[Mutant]:
+    """Returns the mutants of a module that have not been tested, or those that survived; stores their number."""
+    made = [*mutants(module)]
+    found.total = len(made)
+    tested = {*found.killed} if again else {*found.killed, *found.survived}
+    return [each for each in made if each.name not in tested and (each.name in found.survived or not again)]
 
 
 def report(modules: list[str]) -> bool:
