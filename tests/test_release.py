@@ -138,17 +138,6 @@ def stages():
     return {*listed.stderr.split("one of ")[1].split()}
 
 
-def test_every_stage_is_run_somewhere_and_every_stage_that_is_run_exists():
-    called = re.findall(r"^for stage in (.*); do$|^others=\((.*)\)$", (ROOT / ".ci" / "run").read_text(), re.MULTILINE)
-    run = {name for names in called for name in " ".join(names).split()}
-    workflows = [path.read_text(encoding="utf-8") for path in (ROOT / ".github" / "workflows").glob("*.yml")]
-    listed = {
-        name for text in workflows for found in re.findall(r"stage: \[(.*)\]", text) for name in found.split(", ")
-    }
-    assert {"tests", "clients", "full"} < run <= stages()
-    assert listed == stages()
-
-
 def run_with(stage, folder, commits):
     """Returns the exit status and the lines of `.ci/run` after so many commits; `stage` is the script `.ci/stage`."""
     (folder / ".ci").mkdir(parents=True)
@@ -164,17 +153,35 @@ def run_with(stage, folder, commits):
     return done.returncode, done.stdout.splitlines()
 
 
+def test_every_stage_is_run_somewhere_and_every_stage_that_is_run_exists(tmp_path):
+    _, lines = run_with('echo "$1"', tmp_path, 0)
+    run = {*lines[:-1]}
+    workflows = [path.read_text(encoding="utf-8") for path in (ROOT / ".github" / "workflows").glob("*.yml")]
+    listed = {
+        name for text in workflows for found in re.findall(r"stage: \[(.*)\]", text) for name in found.split(", ")
+    }
+    assert {"tests", "clients", "full"} < run <= stages()
+    assert listed == stages()
+
+
 def test_a_run_begins_with_what_is_required_and_gives_each_other_stage_its_turn(tmp_path):
     seen = []
-    for commits in range(9):
-        status, lines = run_with('echo "$1"', tmp_path / str(commits), commits)
+    for commits in range(10):
+        status, lines = run_with('echo "$@"', tmp_path / str(commits), commits)
         assert status == 0
         assert lines[:4] == ["tests", "lint", "types", "package"]
         assert lines[-1].startswith("== passed in ")
         seen.append(lines[4:-1])
     # With time for all, each is played at every commit, and each comes first at one of them.
     assert {frozenset(each) for each in seen} == {frozenset(each[0] for each in seen)}
-    assert all(len(each) == 9 for each in seen)
+    assert all(len(each) == 10 for each in seen)
+
+
+def test_the_full_tests_are_played_in_two_parts_that_are_all_of_them(tmp_path):
+    _, lines = run_with('echo "$@"', tmp_path, 0)
+    played, ignored = sorted((line.split()[1:] for line in lines if line.startswith("full ")), key=str, reverse=True)
+    assert ignored == [f"--ignore={folder}" for folder in played]
+    assert all((ROOT / folder).is_dir() for folder in played)
 
 
 def test_a_run_ends_with_the_first_stage_that_fails(tmp_path):
