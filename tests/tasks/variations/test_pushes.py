@@ -1,5 +1,7 @@
 """Pushes: when they come, what they move, and that single and vectorised episodes have the same."""
 
+import dataclasses
+
 import gymnasium
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from helpers.sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks.pushes import Push, Pusher, _Joints
 from kitchen_suite.tasks.simulation import PhysicsSimulation
 
 ARM = slice(0, 7)
@@ -43,6 +46,102 @@ def before_physics(environment, action, step):
 
 def positions_before_physics(environment, action, step):
     return before_physics(environment, action, step)[0]
+
+
+class Arrays:
+    """A simulation whose fields are arrays."""
+
+    def __init__(self, rows):
+        self.fields = {"qpos": np.full((rows, 6), 0.5), "qvel": np.full((rows, 6), 2.0)}
+        self.evaluations = 0
+
+    def read(self, field, columns):
+        return self.fields[field][..., columns]
+
+    def write(self, field, columns, values):
+        self.fields[field][..., columns] = values
+
+    def evaluate(self):
+        self.evaluations += 1
+
+
+# Two joints of an arm, and three tasks with one, two and one joint.
+PUSHER = Pusher(
+    arm=_Joints(np.array([0, 1]), np.array([0, 1])),
+    low=np.array([-1.0, -0.2]),
+    high=np.array([0.6, 1.0]),
+    tasks=[_Joints(np.array(columns), np.array(columns)) for columns in ([2], [3, 4], [5])],
+    complete=lambda state: state,
+)
+STARTS = np.array([0.1, 0.2, 0.3, 0.4])
+
+
+def push_of(rows, *, steps=1, due=1.0, undoes=True, which=0.0, offsets=0.0):
+    values = {"steps": steps, "due": due, "undoes": undoes, "which": which}
+    return Push(
+        **{name: np.broadcast_to(value, rows) for name, value in values.items()},
+        offsets=np.broadcast_to(offsets, (rows, 7)),
+        start=np.broadcast_to(STARTS, (rows, 4)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("which", "expected"),
+    [
+        # Of none, of the second and the third, and of all three tasks that are complete.
+        (0.0, [None, 1, 0]),
+        (0.3, [None, 1, 0]),
+        (0.5, [None, 2, 1]),
+        (0.7, [None, 2, 2]),
+        (1.0, [None, 2, 2]),
+    ],
+)
+def test_low_numbers_undo_the_first_of_the_completed_tasks(which, expected):
+    complete = np.array([[False, False, False], [False, True, True], [True, True, True]])
+    simulation = Arrays(3)
+    push = push_of(3, which=which)
+    with np.errstate(divide="raise", invalid="raise"):
+        after = PUSHER.push(simulation, push, complete)
+    for row, place in enumerate(expected):
+        positions, velocities = np.full(6, 0.5), np.full(6, 2.0)
+        if place is None:
+            # The arm instead, at rest.
+            velocities[:2] = 0.0
+        else:
+            columns = PUSHER.tasks[place].qpos
+            positions[columns] = STARTS[columns - 2]
+            velocities[columns] = 0.0
+        np.testing.assert_array_equal(simulation.fields["qpos"][row], positions)
+        np.testing.assert_array_equal(simulation.fields["qvel"][row], velocities)
+    np.testing.assert_array_equal(after.steps, 2)
+    assert simulation.evaluations == 1
+
+
+def test_a_push_comes_once_and_only_where_there_is_one():
+    # The step of a push need not be whole; 0 is none.
+    due = np.array([0.0, 2.0, 2.7, 3.0])
+    simulation, push = Arrays(4), push_of(4, steps=0, due=due, undoes=False, offsets=[0.3, -0.9, 0, 0, 0, 0, 0])
+    pushed = np.zeros(4, int)
+    for _ in range(5):
+        simulation.fields["qpos"][:] = 0.5
+        with np.errstate(divide="raise", invalid="raise"):
+            push = PUSHER.push(simulation, push, np.full((4, 3), True))
+        moved = (simulation.fields["qpos"] != 0.5).any(axis=-1)
+        # Within the ranges of the joints.
+        np.testing.assert_array_equal(simulation.fields["qpos"][moved, :2], np.tile([0.6, -0.2], (moved.sum(), 1)))
+        np.testing.assert_array_equal(simulation.fields["qpos"][:, 2:], 0.5)
+        pushed += moved
+    np.testing.assert_array_equal(pushed, [0, 1, 1, 1])
+    # What nothing has moved need not be computed anew.
+    assert simulation.evaluations == 2
+
+
+def test_without_tasks_to_undo_the_arm_is_displaced():
+    simulation = Arrays(1)
+    pusher = dataclasses.replace(PUSHER, tasks=[], complete=None)
+    push = push_of(1, offsets=0.05)
+    pusher.push(simulation, push, None)
+    np.testing.assert_allclose(simulation.fields["qpos"][0, :2], 0.55)
 
 
 @pytest.mark.full
