@@ -18,7 +18,6 @@ from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, RewardTerm, Transition, end_to_end
 from kitchen_suite.types import Array
 
-PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]
 
 # Place of each part in the flat observation. Units: rad and m, rad/s and m/s; m; rad; rad/s.
