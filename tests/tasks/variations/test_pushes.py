@@ -11,7 +11,7 @@ from helpers.sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.pushes import Push, Pusher, _Joints
+from kitchen_suite.tasks.pushes import PUSH, Push, Pusher, _Joints
 from kitchen_suite.tasks.simulation import PhysicsSimulation
 
 ARM = slice(0, 7)
@@ -51,8 +51,8 @@ def positions_before_physics(environment, action, step):
 class Arrays:
     """A simulation whose fields are arrays."""
 
-    def __init__(self, rows):
-        self.fields = {"qpos": np.full((rows, 6), 0.5), "qvel": np.full((rows, 6), 2.0)}
+    def __init__(self, *axes):
+        self.fields = {"qpos": np.full((*axes, 6), 0.5), "qvel": np.full((*axes, 6), 2.0)}
         self.evaluations = 0
 
     def read(self, field, columns):
@@ -88,18 +88,18 @@ def push_of(rows, *, steps=1, due=1.0, undoes=True, which=0.0, offsets=0.0):
 @pytest.mark.parametrize(
     ("which", "expected"),
     [
-        # Of none, of the second and the third, and of all three tasks that are complete.
-        (0.0, [None, 1, 0]),
-        (0.3, [None, 1, 0]),
-        (0.5, [None, 2, 1]),
-        (0.7, [None, 2, 2]),
-        (1.0, [None, 2, 2]),
+        # Of none, of the third alone, of the second and the third, and of all three tasks that are complete.
+        (0.0, [None, 2, 1, 0]),
+        (0.3, [None, 2, 1, 0]),
+        (0.5, [None, 2, 2, 1]),
+        (0.7, [None, 2, 2, 2]),
+        (1.0, [None, 2, 2, 2]),
     ],
 )
 def test_low_numbers_undo_the_first_of_the_completed_tasks(which, expected):
-    complete = np.array([[False, False, False], [False, True, True], [True, True, True]])
-    simulation = Arrays(3)
-    push = push_of(3, which=which)
+    complete = np.array([[False, False, False], [False, False, True], [False, True, True], [True, True, True]])
+    simulation = Arrays(4)
+    push = push_of(4, which=which)
     with np.errstate(divide="raise", invalid="raise"):
         after = PUSHER.push(simulation, push, complete)
     for row, place in enumerate(expected):
@@ -134,6 +134,27 @@ def test_a_push_comes_once_and_only_where_there_is_one():
     np.testing.assert_array_equal(pushed, [0, 1, 1, 1])
     # What nothing has moved need not be computed anew.
     assert simulation.evaluations == 2
+
+
+@pytest.mark.parametrize("undoes", [0.0, 1.0])
+def test_a_push_starts_with_the_values_of_its_parameters(undoes):
+    values = {"push/step": np.array(30.0), "push/undoes": np.array(undoes), "push/which": np.array(0.25)}
+    push = PUSHER.start({**values, "another": np.array(1.0)}, Arrays())
+    assert (push.steps, push.due, push.undoes, push.which) == (0, 30.0, bool(undoes), 0.25)
+    # Parameters that do not vary are 0.
+    np.testing.assert_array_equal(push.offsets, np.zeros(7))
+    np.testing.assert_array_equal(push.start, [0.5] * 4)
+    assert PUSHER.start({"another": np.array(1.0)}, Arrays()) is None
+
+
+def test_what_the_group_draws():
+    seen = {parameter.name: parameter.seen for parameter in PUSH}
+    assert seen.keys() == {"push/step", "push/undoes", "push/which", "push/joint_offsets"}
+    np.testing.assert_array_equal(seen["push/step"].values, np.linspace(20, 120, 101))
+    np.testing.assert_array_equal(seen["push/undoes"].values, [0, 1])
+    np.testing.assert_array_equal(seen["push/which"].intervals, [[0, 1]])
+    np.testing.assert_array_equal(seen["push/joint_offsets"].intervals, [[[-0.3] * 7, [0.3] * 7]])
+    assert all(parameter.held_out is parameter.seen for parameter in PUSH)
 
 
 def test_without_tasks_to_undo_the_arm_is_displaced():
