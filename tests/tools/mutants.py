@@ -9,12 +9,13 @@ python tests/tools/mutants.py --report     prints the scores so far, and the mut
 A mutant is a copy of a module with one operator, number or keyword changed by cosmic-ray. It survives if the tests
 named here pass with it. Each process tests in a copy of the package of its own, which it is checked to import: a
 function that is broken on purpose must be found. The tests that have found mutants are played first, the last one at
-the front. Results are in docs/experiments/results/mutants; those of a module that has changed since are dropped.
+the front. Results are in docs/experiments/results/mutants; those of a module whose code has changed since are dropped.
 `equivalent_mutants.json` lists the survivors that no test can tell from the original, with the reason; scores leave
 them out. Exit status: 0 if all modules have a score of at least 90 %, else 1.
 """
 
 import argparse
+import ast
 import compileall
 import concurrent.futures
 import difflib
@@ -106,11 +107,12 @@ def installed(module: str) -> Path:
 
 def mutants(module: str) -> Iterator[Mutant]:
     """Yields all mutants of a module."""
-    from cosmic_ray import ast, plugins
+    from cosmic_ray import plugins
+    from cosmic_ray.ast import ast_nodes, get_ast
     from cosmic_ray.mutating import mutate_code
 
     source = (ROOT / module).read_text(encoding="utf-8")
-    nodes = [*ast.ast_nodes(ast.get_ast(source))]
+    nodes = [*ast_nodes(get_ast(source))]
     for operator in plugins.operator_names():
         made = plugins.get_operator(operator)
         if made.arguments():
@@ -139,13 +141,22 @@ def common_length(first: list[str], second: list[str]) -> int:
     return sum(1 for _ in alike)
 
 
+def digest(source: str) -> str:
+    """Returns a digest of what a module does: without comments and docstrings."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            del node.body[0]
+    return hashlib.sha256(ast.unparse(tree).encode()).hexdigest()
+
+
 class Results:
     """The results of a module, in a file."""
 
     def __init__(self, module: str) -> None:
         """Reads what there is of the present source."""
         self.module, self.path = module, RESULTS / f"{module.replace('/', '_').removesuffix('.py')}.json"
-        self.digest = hashlib.sha256((ROOT / module).read_bytes()).hexdigest()
+        self.digest = digest((ROOT / module).read_text(encoding="utf-8"))
         found = json.loads(self.path.read_text(encoding="utf-8")) if self.path.exists() else {}
         if found.get("source") != self.digest:
             found = {"total": None, "killed": [], "survived": {}}
