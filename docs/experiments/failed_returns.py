@@ -38,7 +38,7 @@ def spec_of(task: str, arguments: dict[str, Any], steps: int) -> EnvironmentSpec
 
 def measure(case: Row, steps: int = STEPS) -> Row:
     """Trains a task with a reward; returns the rest of its row."""
-    from kitchen_suite.training.ppo import PPOLearner, network_controller
+    from kitchen_suite.training.ppo import NetworkController, PPOLearner
     from kitchen_suite.training.recipes import PPOHyperparameters, find_recipe
     from kitchen_suite.training.run import evaluate
 
@@ -60,7 +60,7 @@ def measure(case: Row, steps: int = STEPS) -> Row:
             learner.learn()
             if learner.steps // INTERVAL > before // INTERVAL:
                 seeds = range(FIRST_SEED, FIRST_SEED + EPISODES)
-                metrics = evaluate(network_controller(learner.export({}), evaluation), evaluation, seeds)
+                metrics = evaluate(NetworkController(learner.export({}), evaluation), evaluation, seeds)
                 failed += metrics["episode/return"][metrics["episode/success"] == 0].tolist()
     return {"episodes": len(failed), "greatest_return": max(failed, default=None)}
 

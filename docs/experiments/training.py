@@ -129,7 +129,7 @@ def measure(run: Run, folder: Path) -> dict[str, Any]:
 
 def successes(policy_file: Path, asked: Sequence[str]) -> list[int]:
     """Returns the number of episodes in which a policy succeeds, for each task that is asked of it."""
-    from kitchen_suite.training.ppo import network_controller
+    from kitchen_suite.training.ppo import NetworkController
     from kitchen_suite.training.run import evaluate
 
     policy = TrainedPolicy.load(policy_file)
@@ -141,7 +141,7 @@ def successes(policy_file: Path, asked: Sequence[str]) -> list[int]:
             if name:
                 tasks = environments.composer_task
                 tasks.task_weights = {other: float(other == name) for other in DEFAULT_TASKS}
-            metrics = evaluate(network_controller(policy, environments), environments, range(UNSEEN, UNSEEN + EPISODES))
+            metrics = evaluate(NetworkController(policy, environments), environments, range(UNSEEN, UNSEEN + EPISODES))
             counts.append(int(metrics["episode/success"].sum()))
     return counts
 

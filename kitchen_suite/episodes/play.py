@@ -18,14 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.episodes.cluster import Cluster
 from kitchen_suite.episodes.episode import PHYSICS_STATE, Episode, EpisodeBuffer, Step, Waiting, Watch, flatten, ignore
-from kitchen_suite.episodes.spec import (
-    EnvironmentSpec,
-    EpisodeSpec,
-    clipped_action,
-    even_count,
-    policy_generator,
-    reset_to_seed,
-)
+from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec, even_count, policy_generator, reset_to_seed
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import (
     BATCH,
@@ -48,6 +41,18 @@ REWIND_STEPS = 250  # Control steps that an episode can go back.
 def episode_name(index: int, seed: int | None) -> str:
     """Returns the name of the episode of a number and a seed, if that is known."""
     return f"episode {index}" + ("" if seed is None else f", seed {seed}")
+
+
+def act_within(policy: Policy, given: Any, space: gymnasium.Space) -> NDArray:
+    """Calls a policy; returns its action within the bounds of the space, so that the recorded one is the applied one.
+
+    Args:
+      policy: the policy.
+      given: what it is called with; see `policies.takes_of`.
+      space: of the actions.
+    """
+    assert isinstance(space, gymnasium.spaces.Box)
+    return np.asarray(policy(given)).clip(space.low, space.high)
 
 
 class SingleRollout:
@@ -95,7 +100,7 @@ class SingleRollout:
         environment = suite_env(self.environment)
         seen = self.buffer.observation if takes_of(self.policy) == OBSERVATION else self.buffer.timestep(environment)
         instruct(self.policy, lambda: environment.instruction)
-        action = clipped_action(self.policy, seen, self.environment.action_space)
+        action = act_within(self.policy, seen, self.environment.action_space)
         if self._action_dtype is not None:
             action = action.astype(self._action_dtype)
         self.repeat(action, labels_of(self.policy))
@@ -224,7 +229,7 @@ class PolicyController:
 
     def _action(self, i: int, seen: Any) -> NDArray:
         instruct(self._policies[i], lambda: self._environments.instruction[i])
-        action = clipped_action(self._policies[i], seen, self._space)
+        action = act_within(self._policies[i], seen, self._space)
         if np.abs(action).max() > np.finfo(self._space.dtype).max:
             raise PolicyError(f"the policy's action does not fit into {self._space.dtype}: {action}")
         return action
@@ -235,22 +240,6 @@ def _row(observations: Any, i: int) -> Any:
     if isinstance(observations, Mapping):
         return {key: _row(part, i) for key, part in observations.items()}
     return observations[i]
-
-
-class NetworkController:
-    """Acts by a function of the observations of all environments at once."""
-
-    labels: Mapping[str, NDArray] = MappingProxyType({})
-
-    def __init__(self, network: Callable[[Any], NDArray]) -> None:
-        """Takes a function from vectorised observations to actions `(n, ...)`."""
-        self._network = network
-
-    def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
-        """Unused: a network has no state of an episode."""
-
-    def act(self, step: BatchStep) -> NDArray:
-        return self._network(step.observations)
 
 
 @dataclasses.dataclass(eq=False, kw_only=True)
@@ -481,7 +470,7 @@ def play(
     numbers = [(index, checks.integer(seed, "seed", minimum=0)) for index, seed in enumerate(seeds)]
     if not numbers:
         return
-    episodes = spec if isinstance(spec, EpisodeSpec) else spec.episodes(reference, seed=numbers[0][1])
+    episodes = spec.episodes(reference, seed=numbers[0][1])
     yield from play_numbered(episodes, reference, numbers, num_envs=num_envs, num_threads=num_threads, cluster=cluster)
 
 

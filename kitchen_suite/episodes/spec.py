@@ -11,7 +11,6 @@ from typing import Any, cast
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.entities.arms import FRANKA, ROBOTS, model_digest
@@ -52,7 +51,7 @@ class EnvironmentSpec:
     ) -> "EnvironmentSpec":
         """Makes a specification of checked arguments; None stands for the domain's default.
 
-        It has the contents of files that arguments name, in place of their names.
+        Arguments that name a file are replaced by the file's contents.
         """
         task_name = suite.default_task(domain_name) if task_name is None else task_name
         if max_episode_steps is not None:
@@ -93,8 +92,10 @@ class EnvironmentSpec:
         if path := policy.file():
             with files.reading(path, "a trained policy"):
                 digest = files.file_digest(path)
+        # Of the environments alone, where this is the specification of other episodes.
+        own = {field.name: getattr(self, field.name) for field in dataclasses.fields(EnvironmentSpec)}
         return EpisodeSpec(
-            **vars(self),
+            **own,
             policy=policy.text,
             seed=seed,
             seeding=seeding,
@@ -324,15 +325,3 @@ def reset_to_seed(
 def policy_generator(seed: int) -> np.random.Generator:
     """Returns the generator of an episode's policy; the 1 tells its stream from that of the environment's seed."""
     return np.random.default_rng((seed, 1))
-
-
-def clipped_action(policy: policies.Policy, given: Any, space: gymnasium.Space) -> NDArray:
-    """Returns a policy's action within the bounds of its space, so that the recorded action is the applied one.
-
-    Args:
-      policy: the policy.
-      given: what it is called with; see `policies.takes_of`.
-      space: of the actions.
-    """
-    assert isinstance(space, gymnasium.spaces.Box)
-    return np.asarray(policy(given)).clip(space.low, space.high)

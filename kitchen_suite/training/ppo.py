@@ -26,7 +26,7 @@ from tqdm import tqdm
 
 from kitchen_suite import checks, suite
 from kitchen_suite.closing import closed_on_error
-from kitchen_suite.episodes.play import Controller, NetworkController
+from kitchen_suite.episodes.play import BatchStep, Controller
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.policies.networks import CLIP
 from kitchen_suite.policies.trained import TrainedPolicy
@@ -299,6 +299,7 @@ class Agent:
         rewards = self._bootstrapped(batch)
         estimates = advantages(rewards, values, batch.ended, discount=config.discount, gae_lambda=config.gae_lambda)
         returns = (estimates + values[:-1]).reshape(-1, 1)
+        # The estimates are in the scale of the last batch; what the network learns, in that of this one.
         self.value_scaler.update(returns)
         return Samples(
             observations=observations[:-1].flatten(0, 1),
@@ -492,10 +493,21 @@ def _step_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
     return {f"step/{name}": np.where(ended, final_info[name], infos[name]) for name in terms}
 
 
-def network_controller(policy: TrainedPolicy, environments: SuiteVectorEnv) -> Controller:
-    """Returns a controller that acts by a policy of PPO in all environments at once."""
-    flatten = environments.composer_task.policy_inputs.flatten
-    return NetworkController(lambda observations: policy(flatten(observations)))
+class NetworkController:
+    """Acts by a policy of PPO in all environments at once."""
+
+    labels: Mapping[str, NDArray] = MappingProxyType({})
+
+    def __init__(self, policy: TrainedPolicy, environments: SuiteVectorEnv) -> None:
+        """Takes a policy and the environments that it acts in."""
+        self._policy = policy
+        self._flatten = environments.composer_task.policy_inputs.flatten
+
+    def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
+        """Does nothing: a network has no state of an episode."""
+
+    def act(self, step: BatchStep) -> NDArray:
+        return self._policy(self._flatten(step.observations))
 
 
 class PPOLearner(Learner):
@@ -572,7 +584,7 @@ class PPOLearner(Learner):
         return export_policy(self.agent, metadata)
 
     def controller(self, policy: TrainedPolicy, environments: SuiteVectorEnv) -> Controller:
-        return network_controller(policy, environments)
+        return NetworkController(policy, environments)
 
     def load_state(self, checkpoint: Checkpoint) -> None:
         super().load_state(checkpoint)

@@ -56,6 +56,18 @@ def test_an_episode_is_that_of_the_gymnasium_environment():
     assert episode.summary.total_reward == episode.arrays["reward"].sum()
 
 
+def test_the_environments_of_a_recording_are_played_and_recorded_again(tmp_path):
+    spec = EnvironmentSpec.make("open_cabinet", None, {}, 3)
+    first = kitchen_suite.record(tmp_path / "first", spec, "random", num_episodes=1, seed=5)
+    assert first.spec.policy == "random"
+    assert_same(by_seed(first), by_seed(kitchen_suite.play(first.spec, "random", [5])))
+    second = kitchen_suite.record(tmp_path / "second", first.spec, "zero", num_episodes=1, seed=6)
+    assert (second.spec.policy, second.spec.seed, second.spec.task_kwargs) == ("zero", 6, first.spec.task_kwargs)
+    # However its own episodes are seeded.
+    rollouts = spec.episodes(PolicyRef.of("random"), seed=0, seeding="dm_control")
+    assert_same(by_seed(first), by_seed(kitchen_suite.play(rollouts, "random", [5])))
+
+
 def of_observation(observation):
     return 0.01 * observation["observation"][:9]
 

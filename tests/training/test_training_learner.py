@@ -199,14 +199,14 @@ def random_policy(scale=0.02):
 
 
 def test_an_evaluation_does_not_depend_on_earlier_ones():
-    from kitchen_suite.training.ppo import network_controller
+    from kitchen_suite.training.ppo import NetworkController
     from kitchen_suite.training.run import evaluate
 
     evaluated = environments(3, AutoresetMode.DISABLED)
-    first = evaluate(network_controller(random_policy(), evaluated), evaluated, [7, 8, 9])
+    first = evaluate(NetworkController(random_policy(), evaluated), evaluated, [7, 8, 9])
     # As after many evaluations: the penalties of an environment grow with its steps.
     evaluated.total_steps = np.full(3, 8000)
-    again = evaluate(network_controller(random_policy(), evaluated), evaluated, [7, 8, 9])
+    again = evaluate(NetworkController(random_policy(), evaluated), evaluated, [7, 8, 9])
     evaluated.close()
     assert set(first) == {f"episode/{name}" for name in ("success", "progress", "length", "return")}
     for name, values in first.items():
@@ -216,13 +216,13 @@ def test_an_evaluation_does_not_depend_on_earlier_ones():
 
 
 def test_an_evaluation_counts_each_episode_to_its_end_and_no_further():
-    from kitchen_suite.training.ppo import network_controller
+    from kitchen_suite.training.ppo import NetworkController
     from kitchen_suite.training.run import evaluate
 
     # Wild enough that joints move too fast, which terminates episodes at different times.
     policy, seeds = random_policy(scale=0.1), [5, 6, 7, 8]
     evaluated, single = environments(len(seeds), AutoresetMode.DISABLED), gymnasium.make(OPEN_CABINET_ID)
-    metrics = evaluate(network_controller(policy, evaluated), evaluated, seeds)
+    metrics = evaluate(NetworkController(policy, evaluated), evaluated, seeds)
     evaluated.close()
     assert len(set(metrics["episode/length"])) > 1
     assert metrics["episode/length"].max() < 700
@@ -239,7 +239,7 @@ def test_an_evaluation_counts_each_episode_to_its_end_and_no_further():
 
 
 def test_an_episode_whose_physics_diverges_counts_as_a_failure(monkeypatch):
-    from kitchen_suite.training.ppo import network_controller
+    from kitchen_suite.training.ppo import NetworkController
     from kitchen_suite.training.run import evaluate
 
     evaluated = environments(2, AutoresetMode.DISABLED)
@@ -251,7 +251,7 @@ def test_an_episode_whose_physics_diverges_counts_as_a_failure(monkeypatch):
         return observations, rewards, terminations | diverged, truncations, infos | {"physics_error": diverged}
 
     monkeypatch.setattr(type(evaluated), "step_some", diverge)
-    metrics = evaluate(network_controller(random_policy(), evaluated), evaluated, [1, 2])
+    metrics = evaluate(NetworkController(random_policy(), evaluated), evaluated, [1, 2])
     evaluated.close()
     assert set(metrics) == {f"episode/{name}" for name in ("success", "progress", "length", "return")}
     for values in metrics.values():
