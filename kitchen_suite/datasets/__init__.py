@@ -1,1 +1,1 @@
-"""Recordings of many episodes: made, exported as datasets of Minari and LeRobot, replayed; and human demonstrations."""
+"""Datasets of other programs, made of recordings; and recordings made of demonstrations of people."""

@@ -114,9 +114,9 @@ def evaluate(
       num_episodes: of each condition; the protocol's when None.
       max_episode_steps: control steps after which an episode ends; the protocol's when None.
       dataset: folder of a recording, from whose episodes some protocols take their goals.
-      num_envs: as in `play`.
-      num_threads: as in `play`.
-      cluster: as in `play`.
+      num_envs: as in `kitchen_suite.play`.
+      num_threads: as in `kitchen_suite.play`.
+      cluster: as in `kitchen_suite.play`.
       output: folder that keeps the result of each episode, so that an interrupted evaluation can go on.
       resume: whether to continue the evaluation in `output`.
       receipt: file to write a receipt to, which `kitchen_suite.replay` checks without the policy.
@@ -231,13 +231,21 @@ def _results(
     spec = plan.specs[name]
     with contextlib.closing(spec.make_vector_env(even_count(len(waiting), num_envs), num_threads)) as environments:
         controller = make_controller(spec, policy, environments)
-        for result, trace in play(name, plan, environments, controller, Waiting(waiting), recorded=recorded):
+        for result, trace in play_condition(name, plan, environments, controller, Waiting(waiting), recorded=recorded):
             yield dataclasses.replace(result, trace=trace.as_text()) if trace else result
 
 
-def _play_part(waiting: list[tuple[int, int]], *arguments: Any) -> list[EpisodeResult]:
+def _play_part(
+    waiting: list[tuple[int, int]],
+    name: str,
+    plan: EvaluationPlan,
+    reference: PolicyRef,
+    num_envs: int,
+    num_threads: int,
+    recorded: bool,
+) -> list[EpisodeResult]:
     """Plays some episodes in a process of a cluster."""
-    return [*_results(waiting, *arguments)]
+    return [*_results(waiting, name, plan, reference, num_envs, num_threads, recorded)]
 
 
 def play_again(plan: EvaluationPlan, policy: PolicyRef, num_episodes: int, watch: Watch) -> None:
@@ -289,7 +297,7 @@ def check_receipt(plan: EvaluationPlan) -> None:
     receipts.check_texts(plan.description)
 
 
-def play(
+def play_condition(
     name: str,
     plan: EvaluationPlan,
     environments: SuiteVectorEnv,

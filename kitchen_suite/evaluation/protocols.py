@@ -77,7 +77,9 @@ class Protocol:
       num_episodes: of each condition.
       max_episode_steps: control steps of an episode; the domain's when None.
       domain_name: the domain that it is for, beside those that name it among their `protocols`; None for every domain.
-      overall: the protocol's scores over all conditions, from the scores by condition.
+      score: a published unit of the mean number of completed tasks, if there is one.
+      overall: the protocol's scores over all conditions, from the scores by condition; of its score and of measures of
+        its conditions, which are left out where an evaluation replaces what they depend on.
       sampled: its scores, as means over all conditions, where these are a sample of many more, as kitchens are; empty
         where each condition has scores of its own.
       differences: what is not as in the source, in a sentence; empty if nothing is known to be.

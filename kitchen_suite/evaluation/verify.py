@@ -16,7 +16,7 @@ from kitchen_suite.episodes.report import EpisodeBar, print_line, table
 from kitchen_suite.episodes.spec import EpisodeSpec, even_count
 from kitchen_suite.evaluation import tables
 from kitchen_suite.evaluation.confirmed import constant_successes, format_subject
-from kitchen_suite.evaluation.evaluate import as_json, play
+from kitchen_suite.evaluation.evaluate import as_json, play_condition
 from kitchen_suite.evaluation.plan import EvaluationPlan, resets_of
 from kitchen_suite.evaluation.receipts import ActionReplay, Receipt, Trace
 from kitchen_suite.evaluation.scores import EpisodeResult
@@ -39,7 +39,7 @@ _MAX_LINES = 10  # Episodes that differ of which the report has a line.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Comparison:
+class ReplayedResult:
     """The results of an episode and of its replay, and their differences.
 
     Attributes:
@@ -115,7 +115,7 @@ def verify(
             print_line("\n".join([subject, tables.format_heading(plan), *_circumstances(receipt, plan)]))
             if published is not None:
                 print_line(f"the published result {published} is that of the receipt")
-        compared: dict[str, list[Comparison]] = {name: [] for name in plan.specs}
+        compared: dict[str, list[ReplayedResult]] = {name: [] for name in plan.specs}
         with EpisodeBar(plan.num_episodes * len(plan.specs)) as bar:
             for comparison in compare(receipt, plan, num_envs, num_threads):
                 compared[comparison.recorded.condition].append(comparison)
@@ -141,7 +141,7 @@ def verify(
     return verdict
 
 
-def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: int | None) -> Iterator[Comparison]:
+def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: int | None) -> Iterator[ReplayedResult]:
     """Plays the episodes of a receipt again, by its `checked_plan`, and yields each as it ends."""
     plan = dataclasses.replace(plan, specs={name: _without_pictures(spec) for name, spec in plan.specs.items()})
     for name, spec in plan.specs.items():
@@ -156,12 +156,12 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
             if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
                 raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
             replay = ActionReplay({result.seed: trace.actions for result, trace in zip(results, traces, strict=True)})
-            for replayed, trace in play(name, plan, environments, replay, waiting, recorded=True):
+            for replayed, trace in play_condition(name, plan, environments, replay, waiting, recorded=True):
                 assert trace
                 recorded, given = results[replayed.episode], traces[replayed.episode]
                 first = given.first_difference(trace)
                 greatest = 0.0 if first is None else given.greatest_difference(trace)
-                yield Comparison(recorded=recorded, replayed=replayed, first=first, greatest=greatest)
+                yield ReplayedResult(recorded=recorded, replayed=replayed, first=first, greatest=greatest)
 
 
 def _without_pictures(spec: EpisodeSpec) -> EpisodeSpec:
@@ -258,7 +258,7 @@ def _circumstances(receipt: Receipt, plan: EvaluationPlan) -> list[str]:
     return [*lines, *(f"made with {name} {there.get(name)}, here {here[name]}" for name in differing)]
 
 
-def _table(compared: Mapping[str, list[Comparison]]) -> str:
+def _table(compared: Mapping[str, list[ReplayedResult]]) -> str:
     rows = []
     for name, each in compared.items():
         first = [comparison.first for comparison in each if comparison.first is not None]
@@ -269,7 +269,7 @@ def _table(compared: Mapping[str, list[Comparison]]) -> str:
     return table(("condition", "episodes", "equal", "same result", "first difference", "greatest at the end"), rows)
 
 
-def _print_differences(compared: list[Comparison]) -> None:
+def _print_differences(compared: list[ReplayedResult]) -> None:
     differing = [each for each in compared if each.first is not None or not each.scores_alike]
     for comparison in sorted(differing, key=lambda each: each.scores_alike)[:_MAX_LINES]:
         print_line(str(comparison))
