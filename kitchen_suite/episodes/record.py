@@ -34,8 +34,8 @@ def record(
 ) -> Recording:
     """Plays the episodes of a recording that are not yet in its folder, and writes each as it ends.
 
-    Each file is written whole or not at all: an interrupt loses the episodes in progress alone, and the same call
-    completes the recording. Where stderr is a terminal, a progress bar is shown.
+    Each file is written whole or not at all: an interrupt loses the episodes in progress alone, on a cluster the parts
+    in progress, and the same call completes the recording. Where stderr is a terminal, a progress bar is shown.
 
     Args:
       folder: of the recording, which is made where there is none.

@@ -33,7 +33,7 @@ class Verdict(enum.IntEnum):
     """All numbers are equal to the bit."""
 
     ALTERED = 1
-    """Scores differ, or the recording was altered."""
+    """Scores differ, so that the recording or receipt was altered, or this is another machine."""
 
     DIGITS_DIFFER = 3
     """The scores stand, but some numbers differ."""
