@@ -41,6 +41,56 @@ def test_a_goal_is_reached_where_all_objects_are(states):
             assert not criteria.goal_reached(goals[:1], goals[:1]), "the start does not count"
 
 
+@pytest.mark.parametrize(
+    ("objects", "moved"),
+    [
+        (["bottom_burner"], {9: -0.88, 10: -0.01}),
+        (["light_switch"], {17: -0.69, 18: -0.05}),
+        (["slide_cabinet"], {19: 0.37}),
+        (["hinge_cabinet"], {20: 0.0, 21: 0.5}),
+        (["microwave"], {22: -0.5}),
+        (["kettle"], {23: -0.23, 24: 0.75, 25: 1.62}),
+        (["light_switch", "slide_cabinet"], {17: -0.69, 18: -0.05, 19: 0.37}),
+    ],
+)
+def test_a_goal_of_lexa_moves_its_objects_alone(objects, moved):
+    start = np.linspace(2.0, 3.0, 30)
+    expected = start.copy()
+    expected[[*moved]] = [*moved.values()]
+    np.testing.assert_array_equal(criteria.lexa_goal(start, tuple(objects)), expected)
+    np.testing.assert_array_equal(start, np.linspace(2.0, 3.0, 30))
+
+
+def test_a_knob_of_which_the_goal_is_at_the_limit_is_to_be_off():
+    goal = np.zeros(30)
+    goal[[9, 13, 17]] = [-0.38, -0.38, -0.25]
+    states = np.zeros((2, 30))
+    states[1, [9, 13, 17]] = [-0.39, -0.39, -0.26]
+    found = criteria.lexa_objects(states, goal)
+    for name in ("bottom_burner", "top_burner", "light_switch"):
+        assert found[name].tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("task", "first", "size"),
+    [
+        ("bottom burner", 11, 2),
+        ("top burner", 15, 2),
+        ("light switch", 17, 2),
+        ("slide cabinet", 19, 1),
+        ("hinge cabinet", 20, 2),
+        ("microwave", 22, 1),
+        ("kettle", 23, 7),
+    ],
+)
+def test_a_goal_state_has_the_goal_of_a_task_in_its_columns(task, first, size):
+    value = np.linspace(1.0, 2.0, size)
+    expected = np.zeros(30)
+    expected[:9] = 0.5
+    expected[first : first + size] = value
+    np.testing.assert_array_equal(criteria.goal_state({task: value}, np.full(9, 0.5)), expected)
+
+
 def test_goals_are_taken_from_recorded_states():
     states, generator = np.zeros((60, 30)), np.random.default_rng(0)
     states[40:, 22] = -0.2
