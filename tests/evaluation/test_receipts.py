@@ -19,7 +19,7 @@ from kitchen_suite.commands import evaluate, record, replay
 from kitchen_suite.episodes.replay import Verdict
 from kitchen_suite.evaluation.evaluate import as_json, check_receipt, play_again
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan
-from kitchen_suite.evaluation.receipts import FORMAT, Receipt, sealed
+from kitchen_suite.evaluation.receipts import Receipt, sealed
 from kitchen_suite.evaluation.verify import checked_plan
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks import DEFAULT_TASKS
@@ -203,7 +203,7 @@ def test_the_format_is_read_as_documented(written):
         assert archive.comment.decode() == hashlib.sha256(contents[:-64]).hexdigest()
     arrays = np.load(written)
     metadata = json.loads(str(arrays["metadata"]))
-    assert metadata["format"] == FORMAT
+    assert metadata["format"] == 2
     receipt = Receipt.read(written)
     for name, episodes in metadata["episodes"].items():
         steps = arrays[f"{name}/steps"]

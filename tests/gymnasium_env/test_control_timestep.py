@@ -9,10 +9,10 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
 from helpers.errors import refused
+from helpers.kitchen import POSITION_HIGH, POSITION_LOW
 from helpers.sweeps import CASES, brief, walk
 
 from kitchen_suite import policies, suite
-from kitchen_suite.tasks.kitchen.action import POSITION_HIGH, POSITION_LOW
 
 # By domain: length of a physics step, the default control step, and another one [s].
 STEPS = {

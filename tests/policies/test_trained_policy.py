@@ -19,7 +19,6 @@ from kitchen_suite.commands import record
 from kitchen_suite.episodes.episode import unflatten
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
-from kitchen_suite.policies import stored
 from kitchen_suite.policies import trained as trained_policy
 from kitchen_suite.policies.trained import TrainedPolicy
 
@@ -119,7 +118,7 @@ def test_a_saved_policy_is_loaded_unchanged(saved):
         np.testing.assert_array_equal(one, other)
     assert loaded.metadata == {
         **policy.metadata,
-        "format": stored.FORMAT,
+        "format": 1,
         "kitchen_suite": kitchen_suite.__version__,
     }
     observations = np.random.default_rng(1).normal(size=(4, 25))

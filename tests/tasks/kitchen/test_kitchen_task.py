@@ -5,13 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers.errors import refused
+from helpers.kitchen import POSITION_HIGH, POSITION_LOW
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.goals import GoalSet, Progress, goal_distances
 from kitchen_suite.tasks.kitchen import observation as noise
-from kitchen_suite.tasks.kitchen.action import POSITION_HIGH, POSITION_LOW, position_target
+from kitchen_suite.tasks.kitchen.action import position_target
 from kitchen_suite.tasks.kitchen.observation import KitchenSensors
 from kitchen_suite.tasks.shaping import completions
 
