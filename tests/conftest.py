@@ -10,6 +10,7 @@ import importlib.util
 import os
 import re
 import socket
+import sys
 from typing import Any
 
 import pytest
@@ -137,6 +138,15 @@ def run(capsys):
         return command.main([*arguments]), *capsys.readouterr()
 
     return run
+
+
+@pytest.fixture
+def write_policies(folder, monkeypatch):
+    """Writes a module `my_policies` into the present folder, where commands find it."""
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.delitem(sys.modules, "my_policies", raising=False)
+    yield folder.joinpath("my_policies.py").write_text
+    sys.modules.pop("my_policies", None)
 
 
 @pytest.fixture

@@ -19,25 +19,13 @@ from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.suite import DOMAINS
 
-pytestmark = pytest.mark.lerobot
+pytestmark = [pytest.mark.lerobot, pytest.mark.usefixtures("folder")]
 
 ROOT = Path("data/me/kettle")
 RECORD = ["--num_threads=1", "--output=runs", "--num_envs=2", "--seed=5", "--max_episode_steps=5", "--num_episodes=3"]
 DATASET = ["runs", "--format=lerobot", "--dataset=me/kettle", "--data_path=data"]
 STATES = "--obs_type=environment_state_agent_pos"
 PICTURES = '"obs_type": "pixels_agent_pos", "image_size": [32, 40], "render_quality": "fast"'
-
-
-@pytest.fixture
-def run(capsys, tmp_path, monkeypatch):
-    """Runs a command in an empty folder; returns status, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(command, *arguments):
-        status = command.main(arguments)
-        return status, *capsys.readouterr()
-
-    return run
 
 
 @pytest.fixture

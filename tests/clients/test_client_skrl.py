@@ -4,22 +4,12 @@ import gymnasium
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.clients
+pytestmark = [pytest.mark.clients, pytest.mark.usefixtures("one_thread")]
 
 KITCHEN = "kitchen_suite.gymnasium_env:KitchenSuite/FrankaKitchen-v1"
 EASY = {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [-0.2]}}
 # 59 numbers of the state, and 8 each of achieved and desired goals.
 SIZE = 59 + 2 * 8
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def vector(count, mode="vector_entry_point"):

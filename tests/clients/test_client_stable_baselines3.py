@@ -10,7 +10,7 @@ from helpers.sweeps import OBSERVED, brief, once_per_observation_type
 
 from kitchen_suite.suite import DOMAINS
 
-pytestmark = pytest.mark.clients
+pytestmark = [pytest.mark.clients, pytest.mark.usefixtures("one_thread")]
 
 KITCHEN = "kitchen_suite.gymnasium_env:KitchenSuite/FrankaKitchen-v1"
 STEPS, EPISODE = 2000, 280
@@ -21,16 +21,6 @@ EASY = {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [0.
 # Arguments with which the actions of a domain are bounded.
 BOUNDED = {"open_cabinet": {"action_limit": 1.0}}
 GOALS = {"microwave": slice(0, 1), "kettle": slice(1, 8)}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def make(**options):

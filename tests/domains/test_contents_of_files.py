@@ -24,6 +24,8 @@ from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks.generated_kitchens import certificates
 from kitchen_suite.versions import installed_versions
 
+pytestmark = pytest.mark.usefixtures("folder")
+
 ID = "KitchenSuite/Kitchens-v1"
 FIRST, SECOND = (KitchenDesign.drawn(number, "train") for number in (0, 1))
 
@@ -84,12 +86,6 @@ def test_a_recording_of_another_design_is_not_continued(run, file):
     assert (status, "task_kwargs" in err) == (2, True)
     file.unlink()
     assert run(replay, "runs")[0] == 0
-
-
-@pytest.fixture
-def run(run, folder):
-    """Runs a command in an empty folder; returns status, stdout and stderr."""
-    return run
 
 
 @pytest.mark.full

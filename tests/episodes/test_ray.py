@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.processes import open_process
+from helpers.processes import open_process, wait_until
 
 import kitchen_suite
 from kitchen_suite.commands import evaluate, record, rollout
@@ -49,19 +49,10 @@ def broken(timestep):
 
 
 @pytest.fixture
-def run(capsys, tmp_path, monkeypatch):
+def run(run, folder, write_policies):
     """Runs a command in a folder that holds `my_policies.py`; returns its status, stdout and stderr."""
-    tmp_path.joinpath("my_policies.py").write_text(POLICIES.replace("FOLDER", str(tmp_path)))
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.delitem(sys.modules, "my_policies", raising=False)
-
-    def run(command, *arguments):
-        status = command.main(arguments)
-        return status, *capsys.readouterr()
-
-    yield run
-    sys.modules.pop("my_policies", None)
+    write_policies(POLICIES.replace("FOLDER", str(folder)))
+    return run
 
 
 def load_all(folder):
@@ -286,11 +277,3 @@ def processes_of(folder):
         except OSError:
             continue
     return found
-
-
-def wait_until(condition):
-    for _ in range(6_000):
-        if condition():
-            return
-        time.sleep(0.1)
-    pytest.fail("the condition does not hold")

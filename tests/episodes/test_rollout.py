@@ -67,13 +67,10 @@ not_callable = 3
 
 
 @pytest.fixture
-def run(run, folder, monkeypatch):
+def run(run, write_policies):
     """Runs the command in a folder that holds `my_policies.py`; returns status, stdout and stderr."""
-    folder.joinpath("my_policies.py").write_text(POLICIES)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.delitem(sys.modules, "my_policies", raising=False)
-    yield functools.partial(run, rollout)
-    sys.modules.pop("my_policies", None)
+    write_policies(POLICIES)
+    return functools.partial(run, rollout)
 
 
 def rows(out):

@@ -26,13 +26,9 @@ from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.vector_env import base as vector_base
 from kitchen_suite.versions import installed_versions, machine
 
+pytestmark = pytest.mark.usefixtures("folder")
+
 SMALL = ["--num_episodes=3", "--max_episode_steps=12"]
-
-
-@pytest.fixture
-def run(run, folder):
-    """Runs a command in an empty folder; returns status, stdout and stderr."""
-    return run
 
 
 @pytest.fixture(scope="module")

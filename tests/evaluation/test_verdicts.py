@@ -24,6 +24,8 @@ from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.versions import installed_versions
 
+pytestmark = pytest.mark.usefixtures("folder")
+
 ZERO = PolicyRef.parse("zero")
 ARGUMENTS = sorted(suite.DOMAINS["kitchen"].arguments(suite.DOMAINS["kitchen"].env_class).keys() - {"domain"})
 
@@ -162,12 +164,6 @@ def test_resets_hold_the_goals_of_their_condition_and_nothing_else(name):
                 plan.with_resets({"goals": [{**reset_of(name), "goal_states": [goal.tolist()]}] * count})
     receipt = Receipt(evaluation=plan.description, replaced=[], results={}, traces={})
     assert "goals_sha256" in receipt.evaluation
-
-
-@pytest.fixture
-def run(run, folder):
-    """Runs a command in an empty folder; returns status, stdout and stderr."""
-    return run
 
 
 @pytest.mark.full

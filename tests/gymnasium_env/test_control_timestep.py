@@ -6,8 +6,8 @@ import json
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
+from helpers.comparisons import assert_same
 from helpers.errors import refused
 from helpers.kitchen import POSITION_HIGH, POSITION_LOW
 from helpers.sweeps import CASES, brief, walk
@@ -40,10 +40,6 @@ def make_vec(domain, count=3, **options):
 def load(domain, environment_kwargs=None, **options):
     options = {"random": 0, "control_timestep": STEPS[domain][2], "visuals": False, **options}
     return suite.load(domain, suite.default_task(domain), options, environment_kwargs)
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True)
 
 
 def actions_of(env, count):

@@ -7,7 +7,8 @@ import gymnasium
 import numpy as np
 import pytest
 from dm_control.rl import control
-from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.utils.env_checker import check_env
+from helpers.comparisons import assert_same
 from helpers.errors import refused
 
 from kitchen_suite import suite
@@ -25,10 +26,6 @@ def play(env, length, **options):
     results = [env.reset(**options)]
     results += [env.step(np.full(env.action_space.shape, 0.01)) for _ in range(length)]
     return results
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True)
 
 
 @pytest.mark.full

@@ -6,7 +6,8 @@ import pickle
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.utils.env_checker import check_env
+from helpers.comparisons import assert_same
 from helpers.errors import refused
 from helpers.open_cabinet import TERMS, VARIED
 from helpers.sweeps import brief
@@ -17,10 +18,6 @@ from kitchen_suite.gymnasium_env import OPEN_CABINET_ID, FrankaOpenCabinetEnv
 
 def actions(steps, seed=0):
     return np.random.default_rng(seed).normal(scale=0.03, size=(steps, 8))
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True), (one, other)
 
 
 @pytest.mark.filterwarnings("ignore:.*Box action space.*")

@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control.rl import control
-from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.utils.env_checker import check_env
+from helpers.comparisons import assert_same
 from helpers.errors import refused
 from helpers.original import random_actions
 from helpers.sweeps import brief
@@ -25,10 +26,6 @@ EASY = {"goals": {"microwave": [0.1]}, "tasks_to_complete": ["microwave", "kettl
 
 def actions(steps, seed=0):
     return random_actions(np.random.default_rng(seed), steps)
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True), (one, other)
 
 
 @pytest.mark.full

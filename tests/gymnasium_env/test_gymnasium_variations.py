@@ -7,7 +7,8 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.utils.env_checker import check_env
+from helpers.comparisons import assert_same
 from helpers.errors import refused
 from helpers.sweeps import brief, groups_of
 
@@ -53,10 +54,6 @@ def play(env, seed=3, options=None, steps=STEPS):
     for _ in range(steps):
         played.append(env.step(generator.uniform(-0.5, 0.5, env.action_space.shape)))
     return played
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True), (one, other)
 
 
 def assert_equal_states(one, other):

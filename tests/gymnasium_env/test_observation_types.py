@@ -7,7 +7,7 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import data_equivalence
+from helpers.comparisons import assert_same
 from helpers.errors import refused
 from helpers.sweeps import brief
 
@@ -49,10 +49,6 @@ def steps(env, count=4, seed=1):
     for _ in range(count):
         observations.append(env.step(generator.uniform(-0.5, 0.5, env.action_space.shape))[0])
     return observations
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True), (one, other)
 
 
 @pytest.mark.parametrize("domain", CLASSES)

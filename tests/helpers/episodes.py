@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from kitchen_suite import files, policies
+from kitchen_suite import experts, files, policies
 from kitchen_suite.episodes.play import SingleRollout, play_many
 from kitchen_suite.policies import PolicyRef
 
@@ -27,6 +27,15 @@ def play(environment, build_policy, seed):
     return np.array(actions)
 
 
+def play_expert(environment, **options):
+    """Plays an episode by the expert, whose constructor gets the options; returns the metrics of the episode."""
+    policy = experts.make_policy(environment, np.random.default_rng(0), **options)
+    timestep = environment.reset()
+    while not timestep.last():
+        timestep = environment.step(policy(timestep))
+    return environment.task.episode_metrics
+
+
 def successes(environment, seeds, policy="expert"):
     """Returns the number of successes of a policy, by its name, in the episodes of some seeds."""
     build, count = policies.find(policy), 0
@@ -34,6 +43,18 @@ def successes(environment, seeds, policy="expert"):
         play(environment, build, seed)
         count += environment.task.episode_metrics["success"]
     return count
+
+
+def successes_together(environments, policy, seed):
+    """Returns the number of successes of a policy of observations in the first episodes of vectorised environments."""
+    observations, infos = environments.reset(seed=seed)
+    ended, succeeded = np.zeros(environments.num_envs, bool), np.zeros(environments.num_envs, bool)
+    while not ended.all():
+        observations, _, terminations, truncations, infos = environments.step(policy(observations))
+        ending = (terminations | truncations) & ~ended
+        succeeded[ending] = infos["is_success"][ending]
+        ended |= ending
+    return succeeded.sum()
 
 
 def load_episode(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

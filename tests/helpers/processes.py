@@ -1,7 +1,10 @@
-"""Processes that are interrupted as from a terminal."""
+"""Processes that are interrupted as from a terminal, and what other processes and threads do in their own time."""
 
 import signal
 import subprocess
+import time
+
+import pytest
 
 
 def heed_interrupts():
@@ -19,3 +22,12 @@ def open_process(command, **options):
         preexec_fn=heed_interrupts,
         **options,
     )
+
+
+def wait_until(condition):
+    """Waits until a condition holds, for ten minutes at most, since machines have other work."""
+    end = time.monotonic() + 600
+    while not condition():
+        if time.monotonic() > end:
+            pytest.fail("the condition does not hold")
+        time.sleep(0.05)

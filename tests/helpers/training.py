@@ -28,3 +28,23 @@ def learner(envs, seed=0, domain="open_cabinet", **changes):
     # As in a training run.
     torch.set_num_threads(1)
     return PPOLearner(envs, PPOHyperparameters.for_domain(domain, {**SMALL, **changes}), seed)
+
+
+def assert_same_state(one, other):
+    """Asserts equality of the states of two learners: tensors, numbers and strings in dicts and lists."""
+    import torch
+
+    assert type(one) is type(other)
+    if isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for name, value in one.items():
+            assert_same_state(value, other[name])
+    elif isinstance(one, list | tuple):
+        assert len(one) == len(other)
+        for value, same in zip(one, other, strict=True):
+            assert_same_state(value, same)
+    elif isinstance(one, torch.Tensor):
+        assert one.dtype == other.dtype
+        assert torch.equal(one, other)
+    else:
+        assert one == other

@@ -10,14 +10,10 @@ import pytest
 from kitchen_suite.commands import evaluate, record, rollout
 from kitchen_suite.policies import PolicyRef
 
+pytestmark = pytest.mark.usefixtures("folder")
+
 ENDS = ["--max_episode_steps=3", "--num_episodes=1", "--output=runs"]
 COMMANDS = {"record": record, "rollout": rollout, "evaluate": evaluate}
-
-
-@pytest.fixture
-def run(run, folder):
-    """Runs a command in an empty folder; returns status, stdout and stderr."""
-    return run
 
 
 @pytest.fixture

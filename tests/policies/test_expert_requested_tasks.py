@@ -2,30 +2,22 @@
 
 import numpy as np
 import pytest
+from helpers.episodes import play_expert
 from helpers.errors import refused
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.commands import record
 from kitchen_suite.episodes.recording import Recording
-from kitchen_suite.policies import experts
 from kitchen_suite.policies.experts.kitchen import KitchenExpert
 from kitchen_suite.tasks import DEFAULT_TASKS
-
-
-def play(environment, **options):
-    """Plays an episode with the expert."""
-    policy = experts.make_policy(environment, np.random.default_rng(0), **options)
-    timestep = environment.reset()
-    while not timestep.last():
-        timestep = environment.step(policy(timestep))
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", brief(range(8), [0, 2]))
 def test_the_expert_does_the_tasks_asked_and_no_others(seed):
     environment = suite.load("kitchen", "random_4", task_kwargs={"random": seed, "visuals": False})
-    play(environment)
+    play_expert(environment)
     task = environment.task
     assert {*task.completion_steps} == {*task.requested_tasks}
     others = [name not in task.requested_tasks for name in DEFAULT_TASKS]
@@ -40,7 +32,7 @@ def test_in_order_is_the_configured_order_and_flat_observations_do():
         task_kwargs={"random": 1, "visuals": False, "tasks_to_complete": ["light switch", "kettle"]},
         environment_kwargs={"flat_observation": True},
     )
-    play(environment, in_order=True)
+    play_expert(environment, in_order=True)
     assert [*environment.task.completion_steps] == ["light switch", "kettle"]
 
 
@@ -49,7 +41,7 @@ def test_in_order_is_the_configured_order_and_flat_observations_do():
 def test_the_expert_does_tasks_asked_in_turn_in_the_order_asked(seed):
     arguments = {"random": seed, "visuals": False, "tasks_in_turn": True}
     environment = suite.load("kitchen", "random_4", task_kwargs=arguments)
-    play(environment)
+    play_expert(environment)
     assert [*environment.task.completion_steps] == environment.task.requested_tasks
 
 

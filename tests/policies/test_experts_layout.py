@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.episodes import play_expert
 from helpers.errors import refused
 
 from kitchen_suite import experts, suite
@@ -28,16 +29,8 @@ def load(task_name, variations="layout", domain="kitchen", **options):
     return suite.load(domain, task_name, {"visuals": False, "variations": variations, **options})
 
 
-def play(environment):
-    """Plays an episode with the expert; returns its metrics."""
-    policy, timestep = experts.make_policy(environment, np.random.default_rng(0)), environment.reset()
-    while not timestep.last():
-        timestep = environment.step(policy(timestep))
-    return environment.task.episode_metrics
-
-
 def successes(environment, count):
-    return sum(play(environment)["success"] for _ in range(count))
+    return sum(play_expert(environment)["success"] for _ in range(count))
 
 
 def complete(split, seed):
@@ -73,12 +66,12 @@ def test_in_the_default_layout_the_poses_are_those_that_skills_are_made_for():
     for task in SKILLS:
         np.testing.assert_allclose(layout.frame(task, extras).as_matrix(), np.eye(4), atol=1e-9)
     environment.task.follow(environment.task.checked_reset({"variation": []}))
-    assert play(environment)["success"]
+    assert play_expert(environment)["success"]
 
 
 @pytest.mark.parametrize("burner", [1, 2])
 def test_the_kettle_is_brought_from_the_right_burners_without_further_observables(burner):
-    assert play(load("kettle", {"kettle/burner": burner}, random=0))["success"]
+    assert play_expert(load("kettle", {"kettle/burner": burner}, random=0))["success"]
 
 
 def test_without_poses_other_observables_change_nothing():
@@ -112,11 +105,11 @@ def test_a_task_out_of_reach_is_postponed():
     far = {"microwave/offset": np.array([-0.4, 0.3, 0.0])}
     excluded = frozenset(environment.task.variations.by_name)
     environment.task.follow(Reset(VariationRequest(excluded=excluded, values=far)))
-    assert play(environment)["tasks_completed"].keys() == {"light switch"}
+    assert play_expert(environment)["tasks_completed"].keys() == {"light switch"}
 
 
 @pytest.mark.parametrize("control_mode", ["joint_position", "ee_delta_pose", "ee_delta_position"])
 def test_the_expert_observes_the_layout_in_other_control_modes(control_mode):
     moved = {"microwave/offset": [-0.01, 0.01, 0.0], "pedestal/offset": [0.01, -0.01, 0.0]}
     options = {"random": 0, "extra_observables": KITCHEN_POSES, "control_mode": control_mode}
-    assert play(load("microwave", moved, **options))["success"]
+    assert play_expert(load("microwave", moved, **options))["success"]

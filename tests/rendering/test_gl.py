@@ -1,20 +1,15 @@
 """The GL library is chosen for the first image; where there is none, one clear error says what to do."""
 
-import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from helpers.errors import refused
+from helpers.headless import run
 
 from kitchen_suite import gymnasium_env, suite
 from kitchen_suite.rendering import gl
 from kitchen_suite.vector_env import FrankaOpenCabinetVectorEnv
-
-NO_DISPLAY = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-UNSET = {name: value for name, value in NO_DISPLAY.items() if name not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")}
 
 # Ends without an exception, and with nothing on stderr, also at exit.
 RENDERING = """
@@ -45,11 +40,6 @@ for render in (environment.physics.render, env.render):
     except RuntimeError as error:
         print(error)
 """
-
-
-def run(code, environment):
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=100)
-    return done.returncode, done.stdout, done.stderr
 
 
 # Renders, then forks processes that use what it made, or make their own; prints what each raised, and how it ended. A
@@ -145,7 +135,7 @@ except RuntimeError as error:
     [("os._exit", ["True", "7"]), pytest.param("sys.exit", ["True"], marks=pytest.mark.full)],
 )
 def test_rendering_in_a_forked_process_is_an_error_and_does_not_hang(end, printed):
-    status, out, _ = run(FORKING.replace("{end}", end), UNSET)
+    status, out, _ = run(FORKING.replace("{end}", end))
     assert out.split() == printed * 4
     assert status == 0 or end == "sys.exit"
 
@@ -153,7 +143,7 @@ def test_rendering_in_a_forked_process_is_an_error_and_does_not_hang(end, printe
 @pytest.mark.full
 @pytest.mark.rendering
 def test_a_driver_that_does_not_work_after_a_fork_is_told_from_a_missing_one():
-    status, out, _ = run(LOADED, UNSET)
+    status, out, _ = run(LOADED)
     message, *rest = out.splitlines()
     assert "forked from has loaded it; start processes with the method 'spawn' or 'forkserver'" in message
     assert (status, rest) == (0, ["7 True"])
@@ -162,7 +152,7 @@ def test_a_driver_that_does_not_work_after_a_fork_is_told_from_a_missing_one():
 @pytest.mark.rendering
 @pytest.mark.full
 def test_gymnasiums_processes_see_pictures_unless_the_first_process_has_rendered():
-    status, out, _ = run(ASYNC, UNSET)
+    status, out, _ = run(ASYNC)
     assert (status, out.split()) == (0, ["True"] * 3)
 
 
@@ -185,13 +175,12 @@ def test_any_thread_renders_an_environment_and_frees_what_another_made():
 @pytest.mark.full
 @pytest.mark.rendering
 def test_rendering_without_mujoco_gl_works_and_leaves_stderr_empty():
-    assert run(RENDERING, UNSET) == (0, "", "")
+    assert run(RENDERING) == (0, "", "")
 
 
 @pytest.mark.full
 def test_a_gl_library_that_cannot_be_loaded_fails_at_rendering_and_not_at_import():
-    environment = {**UNSET, "MUJOCO_GL": "egl", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nothing"}
-    status, out, err = run(STEPPING, environment)
+    status, out, err = run(STEPPING, MUJOCO_GL="egl", __EGL_VENDOR_LIBRARY_FILENAMES="/nothing")
     assert (status, err) == (0, "")
     advice = "nothing can be rendered here with MUJOCO_GL=egl: install a GL library (Debian: libegl1 libgl1-mesa-dri"
     assert [line.startswith(advice) for line in out.splitlines()] == [True, True]

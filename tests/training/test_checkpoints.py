@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from helpers.training import BATCH, environments, learner
+from helpers.training import BATCH, assert_same_state, environments, learner
 
 pytestmark = pytest.mark.clients
 
@@ -55,25 +55,6 @@ def encoded(state):
     contents = io.BytesIO()
     torch.save(state, contents)
     return contents.getvalue()
-
-
-def assert_same(one, other):
-    """Asserts equality of nested dicts, lists and tuples of tensors and numbers."""
-    import torch
-
-    if isinstance(one, dict):
-        assert one.keys() == other.keys()
-        for name, value in one.items():
-            assert_same(value, other[name])
-    elif isinstance(one, list | tuple):
-        assert len(one) == len(other)
-        for value, same in zip(one, other, strict=True):
-            assert_same(value, same)
-    elif isinstance(one, torch.Tensor):
-        assert one.dtype == other.dtype
-        assert torch.equal(one, other)
-    else:
-        assert one == other
 
 
 def positions(size, count, generator):
@@ -171,7 +152,7 @@ def test_a_checkpoint_of_other_networks_is_refused(saved, training_environments)
     before = other.state()
     with pytest.raises(checkpoints.CheckpointError):
         checkpoints.load_last(saved.parent, other.check_fits)
-    assert_same(other.state(), before)
+    assert_same_state(other.state(), before)
 
 
 def test_a_saved_checkpoint_is_loaded_unchanged(saved, taught):
@@ -179,7 +160,7 @@ def test_a_saved_checkpoint_is_loaded_unchanged(saved, taught):
 
     checkpoint = checkpoint_of(taught)
     found = checkpoints.load_last(saved.parent, taught.check_fits)
-    assert_same(vars(found), vars(checkpoint))
+    assert_same_state(vars(found), vars(checkpoint))
     assert [field.name for field in dataclasses.fields(checkpoint)] == [*vars(found)]
 
 

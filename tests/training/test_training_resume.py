@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 from helpers.episodes import left_behind
-from helpers.training import BATCH, METADATA, SMALL, environments, learner
+from helpers.training import BATCH, METADATA, SMALL, assert_same_state, environments, learner
 
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
@@ -88,25 +88,6 @@ def curves(folder):
     return {name: {event.step: event.value for event in events.Scalars(name)} for name in events.Tags()["scalars"]}
 
 
-def assert_same(one, other):
-    """Asserts equality of the states of two learners: tensors, numbers and strings in dicts and lists."""
-    import torch
-
-    assert type(one) is type(other)
-    if isinstance(one, dict):
-        assert one.keys() == other.keys()
-        for name, value in one.items():
-            assert_same(value, other[name])
-    elif isinstance(one, list | tuple):
-        assert len(one) == len(other)
-        for value, same in zip(one, other, strict=True):
-            assert_same(value, same)
-    elif isinstance(one, torch.Tensor):
-        assert torch.equal(one, other)
-    else:
-        assert one == other
-
-
 def test_the_documented_curves_are_written(make_run, tmp_path):
     trained(make_run(4))
     found = curves(tmp_path)
@@ -156,7 +137,7 @@ def test_the_learner_is_restored(make_run):
     again, after = make_run(4)
     assert again.resumed
     assert (again.steps, again.best) == (4 * BATCH, first.best)
-    assert_same(after.state(), state)
+    assert_same_state(after.state(), state)
     # The divergence has changed the learning rate, which does not return to its initial value.
     rate = after.agent.optimizer.param_groups[0]["lr"]
     assert rate == before.agent.optimizer.param_groups[0]["lr"] != 1e-3

@@ -5,8 +5,8 @@ import copy
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
+from helpers.comparisons import assert_same
 from helpers.errors import refused
 from helpers.open_cabinet import VARIED
 from helpers.original import random_actions
@@ -38,10 +38,6 @@ CABINETS = {
     "all drawn": {"variations": VARIED, "observation_noise": NOISE},
     "no draws": {"gripper": "deterministic", "action_limit": 3.0},
 }
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True), (one, other)
 
 
 def kitchen_actions():

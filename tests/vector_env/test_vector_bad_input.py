@@ -3,15 +3,11 @@
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import data_equivalence
+from helpers.comparisons import assert_same
 from helpers.errors import refused
 
 from kitchen_suite.gymnasium_env import KITCHEN_ID
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True), (one, other)
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +70,6 @@ BAD_RESETS = {
     "float seeds in an array": ({"seed": np.zeros(3)}, TypeError, ["seed", "integer"]),
     "string": ({"seed": "one"}, TypeError, ["seed", "'one'"]),
     "too few seeds": ({"seed": [1, 2]}, ValueError, ["seed", "3", "2"]),
-    "too many seeds": ({"seed": (1, 2, 3, None)}, ValueError, ["seed", "3", "4"]),
-    "options that are no dict": ({"options": 3}, TypeError, ["options", "3"]),
     "option of single environments": ({"options": {"state": 1}}, ValueError, ["'state'"]),
     "misspelt option": ({"options": {"low": 0, "reset_mas": MASK}}, ValueError, ["'reset_mas'", "'reset_mask'"]),
     "option that is no string": ({"options": {3: 1}}, TypeError, ["option", "3"]),

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.wrappers.vector import DictInfoToList, FlattenObservation, NormalizeReward, RecordEpisodeStatistics
+from helpers.comparisons import assert_same
 from helpers.open_cabinet import VARIED
 from helpers.sweeps import brief
+from helpers.vectors import part
 
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
@@ -21,10 +23,6 @@ DRAWN = {KITCHEN_ID: {}, OPEN_CABINET_ID: {"variations": VARIED, "observation_no
 EASY = {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [0.1]}}
 
 both = pytest.mark.parametrize("env_id", CLASSES)
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True), (one, other)
 
 
 def many(env_id, count=2, **settings):
@@ -40,11 +38,6 @@ def gymnasiums_own(env_id, count=2, mode="NextStep", **settings):
 def actions_for(env, steps, seed=0):
     scale = 1.0 if env.single_action_space.shape == (9,) else 0.02
     return np.random.default_rng(seed).normal(scale=scale, size=(steps, *env.action_space.shape))
-
-
-def part(value, i):
-    """The row of environment `i` of nested arrays with a leading axis."""
-    return {key: part(inner, i) for key, inner in value.items()} if isinstance(value, dict) else value[i]
 
 
 def assert_is_part(many_results, i, single_results):

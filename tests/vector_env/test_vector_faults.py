@@ -10,12 +10,12 @@ import gymnasium
 import numpy as np
 import pytest
 from dm_control.rl import control
-from gymnasium.utils.env_checker import data_equivalence
+from helpers.comparisons import assert_same
 from helpers.errors import refused
 from helpers.open_cabinet import VARIED
 from helpers.processes import open_process
 from helpers.sweeps import brief
-from helpers.vectors import batch
+from helpers.vectors import batch, part
 from mujoco.batch import SimulationError
 
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
@@ -30,15 +30,6 @@ DRAWN = {FrankaKitchenVectorEnv: {}, FrankaOpenCabinetVectorEnv: {"variations": 
 SHORT = {"max_episode_steps": 3, "autoreset_mode": "SameStep"}
 
 both = pytest.mark.parametrize("vector", SINGLES, ids=["kitchen", "cabinet"])
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True), (one, other)
-
-
-def part(value, i):
-    """The row of environment `i` of nested arrays with a leading axis."""
-    return {key: part(inner, i) for key, inner in value.items()} if isinstance(value, dict) else value[i]
 
 
 def actions_of(env):

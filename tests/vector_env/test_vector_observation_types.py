@@ -4,8 +4,8 @@ import gymnasium
 import numpy as np
 import pytest
 import tree
-from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
+from helpers.comparisons import assert_same
 from helpers.open_cabinet import VARIED
 
 from kitchen_suite import suite
@@ -55,10 +55,6 @@ def make(domain, mode, **settings):
         env_id, COUNT, vectorization_mode="vector_entry_point", autoreset_mode=mode, num_threads=1, **arguments
     )
     return many, [gymnasium.make(env_id, **arguments).unwrapped for _ in range(COUNT)]
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True), (one, other)
 
 
 def assert_rows(observations, expected):

@@ -3,7 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import data_equivalence
+from helpers.comparisons import assert_same
 from helpers.errors import refused
 from helpers.open_cabinet import VARIED
 
@@ -16,10 +16,6 @@ SMALL = {"width": 96, "height": 64}
 # Without visual geoms: for tests that do not look at the robot.
 BARE = {**SMALL, "visuals": False}
 DRAWN = {KITCHEN_ID: {}, OPEN_CABINET_ID: {"variations": VARIED}}
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True), (one, other)
 
 
 def many(env_id, count, **settings):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import tree
 from gymnasium.utils.env_checker import data_equivalence
+from helpers.comparisons import assert_same
 from helpers.sweeps import brief
 from helpers.vectors import batch
 
@@ -27,10 +28,6 @@ def row(observations, i):
 def first(seed, domain="kitchen"):
     """Returns the first observation of the single environment after a reset with a seed."""
     return gymnasium.make(suite.DOMAINS[domain].env_id, **VARIED).reset(seed=seed)[0]
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True)
 
 
 def starts(envs, mode, rounds):

@@ -5,8 +5,8 @@ import copy
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
+from helpers.comparisons import assert_same
 from helpers.errors import refused
 from helpers.vectors import batch
 
@@ -59,10 +59,6 @@ def singles(domain, mode="SameStep", **settings):
 def actions_of(env, step):
     scale = 0.05 if env.single_action_space.high[0] > 1 else 0.7
     return np.random.default_rng(step).uniform(-scale, scale, env.action_space.shape)
-
-
-def assert_same(one, other):
-    assert data_equivalence(one, other, exact=True), (one, other)
 
 
 def rows(values, i):

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from helpers.episodes import limited_files, load_episode
 from helpers.errors import refused
+from helpers.processes import wait_until
 from helpers.viser_client import TIMEOUT, Browser
 
 from kitchen_suite.commands import replay, rollout
@@ -465,11 +466,3 @@ def test_a_person_takes_over_from_what_acts_in_an_environment(port):
     assert info["is_intervention"] is False
     np.testing.assert_array_equal(info["teleop_action"], zeros)
     env.close()
-
-
-def wait_until(condition):
-    for _ in range(200):
-        if condition():
-            return
-        time.sleep(0.05)
-    pytest.fail("nothing came")
