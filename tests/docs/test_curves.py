@@ -36,11 +36,6 @@ def test_reading_a_run_returns_the_written_values(curves, tmp_path):
         np.testing.assert_allclose(curve.progress, [0, 0.1, 0.3], rtol=1e-6)
 
 
-def test_every_evaluation_of_a_long_run_is_read(curves, tmp_path):
-    write(tmp_path, [(i, i, 0, 0) for i in range(11_000)])
-    assert len(curves.read(tmp_path).steps) == 11_000
-
-
 def test_seeds_follow_one_another(curves, tmp_path):
     write(tmp_path / "seed_9", [(0, 1, 0, 0.01), (2_000_000, 5, 0, 0.02)])
     write(tmp_path / "seed_10", [(0, 1, 0, 0), (1_000_000, 3, 0.5, 0.2)])
@@ -76,49 +71,3 @@ def test_the_picture_has_a_line_in_each_panel_for_each_run(curves, tmp_path, mon
         assert axis.get_ylabel()
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == list(runs)
-
-
-def test_runs_with_the_same_label_have_the_same_style(curves, tmp_path, monkeypatch):
-    from matplotlib.figure import Figure
-
-    drawn = []
-    monkeypatch.setattr(Figure, "savefig", lambda self, *rest, **options: drawn.append(self))
-    for index in range(3):
-        write(tmp_path / str(index), [(0, 1, 0, 0), (10, 3, index / 3, 0.0)])
-    labels = ("kettle", "microwave", "kettle")
-    runs = [f"{label}={tmp_path / str(index)}" for index, label in enumerate(labels)]
-    assert curves.main([str(tmp_path / "curves.png"), *runs]) == 0
-    (figure,) = drawn
-    for axis in figure.axes:
-        first, second, third = (line.get_color() for line in axis.lines)
-        assert first == third != second
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["kettle", "microwave"]
-
-
-@pytest.mark.parametrize("arguments", [[], ["out.png"], ["out.pdf", "a=b"], ["out.png", "folder"], ["out.png", "=b"]])
-def test_bad_arguments_print_the_usage(curves, capsys, arguments):
-    assert curves.main(arguments) == 2
-    assert "docs/scripts/curves.py OUT.png LABEL=RUN_FOLDER" in capsys.readouterr().err
-
-
-def test_a_folder_without_curves_is_named(curves, capsys, tmp_path):
-    assert curves.main([str(tmp_path / "out.png"), f"run={tmp_path}"]) == 1
-    assert capsys.readouterr().err == f"curves.py: {tmp_path} holds no curves of kitchen-train\n"
-
-
-@pytest.mark.parametrize(
-    ("domain", "label"), [("kitchen", "mean tasks completed"), ("open_cabinet", "mean opening [m]")]
-)
-def test_the_progress_is_labelled_by_domain(curves, tmp_path, domain, label):
-    write(tmp_path / "run", [(0, 1, 0, 0)], domain=domain)
-    assert curves.progress_label([tmp_path / "run"]) == label
-    (tmp_path / "run" / "seed_0").mkdir()
-    assert curves.progress_label([tmp_path / "run" / "seed_0"]) == label
-
-
-def test_domains_with_different_progress_do_not_share_a_plot(curves, capsys, tmp_path):
-    for domain in ("kitchen", "open_cabinet"):
-        write(tmp_path / domain, [(0, 1, 0, 0)], domain=domain)
-    runs = [f"{domain}={tmp_path / domain}" for domain in ("kitchen", "open_cabinet")]
-    assert curves.main([str(tmp_path / "out.png"), *runs]) == 1
-    assert "mean opening [m], mean tasks completed" in capsys.readouterr().err

@@ -85,35 +85,6 @@ def test_a_run_is_trained_and_measured_once(results, tmp_path, monkeypatch):
 
 
 @pytest.mark.clients
-def test_an_interrupted_run_is_resumed(results, tmp_path):
-    assert "--resume" not in results.command(("kettle", 1), tmp_path)
-    (tmp_path / "kettle_1").mkdir()
-    (tmp_path / "kettle_1" / "training.json").write_text("{}")
-    assert results.command(("kettle", 1), tmp_path)[-1] == "--resume"
-
-
-@pytest.mark.clients
-def test_groups_name_their_runs_in_order(results):
-    assert results.runs_of(["drawer"]) == [("top_drawer", seed) for seed in (1, 2, 3, 4, 5)]
-    assert len(results.runs_of(["kitchen"])) == 21
-    assert results.runs_of(["kettle:3", "microwave:1"]) == [("kettle", 3), ("microwave", 1)]
-
-
-@pytest.mark.clients
-def test_rows_are_kept_in_the_order_of_tasks_and_seeds(results):
-    for task, seed in (("kettle", 2), ("top_drawer", 1), ("kettle", 1), ("kettle", 2)):
-        results.add({"task": task, "seed": seed})
-    assert [(row["task"], row["seed"]) for row in results.read()] == [("top_drawer", 1), ("kettle", 1), ("kettle", 2)]
-
-
-@pytest.mark.clients
-@pytest.mark.parametrize("arguments", [[], ["runs", "kettl:1"], ["runs", "kettle"], ["runs", "kettle:one"]])
-def test_bad_arguments_print_the_usage(results, capsys, arguments):
-    assert results.main(arguments) == 2
-    assert "docs/experiments/training.py FOLDER" in capsys.readouterr().err
-
-
-@pytest.mark.clients
 def test_one_network_is_measured_with_each_of_the_tasks_asked(results, tmp_path, monkeypatch):
     from kitchen_suite.training import run
 
@@ -296,12 +267,6 @@ def test_all_networks_are_evaluated_in_sequences_and_only_once(sequences, tmp_pa
 
 
 @pytest.mark.clients
-def test_no_folder_prints_the_usage(sequences, capsys):
-    assert sequences.main([]) == 2
-    assert "docs/experiments/sequences.py FOLDER" in capsys.readouterr().err
-
-
-@pytest.mark.clients
 @pytest.mark.parametrize("algorithm", ["bc", "flow"])
 def test_a_method_of_imitation_is_trained_and_measured_once(tmp_path, monkeypatch, algorithm):
     module = load_script("experiments/imitation")
@@ -396,15 +361,6 @@ def test_the_tables_have_the_results(evaluations, tmp_path, monkeypatch):
     assert len(tables.shift_table().splitlines()) == 2 + len(PROTOCOLS["shift"].conditions)
 
 
-@pytest.mark.parametrize("names", [("random:d4r",), ()])
-def test_bad_arguments_of_the_script_are_named(evaluations, names, capsys):
-    arguments = ("runs", *names) if names else ()
-    with pytest.raises(SystemExit) as ended:
-        evaluations.main(arguments)
-    assert ended.value.code == 2
-    assert ("'random:d4r' is none of random:default" if names else "required: folder") in capsys.readouterr().err
-
-
 @pytest.mark.full
 def test_the_page_explains_every_field(tmp_path, capsys):
     page = (DOCS / "guide" / "evaluation.md").read_text("utf-8")
@@ -491,32 +447,9 @@ def test_the_kettle_is_recorded_around_a_burner_and_never_on_it(kitchen_policy):
         assert distances.max() < greatest + 0.001
 
 
-@pytest.mark.clients
-def test_other_arguments_print_the_usage_of_the_kitchens_policy(kitchen_policy, capsys):
-    assert kitchen_policy.main(["runs", "train"]) == 2
-    assert "docs/experiments/kitchen_policy.py kitchen FOLDER record" in capsys.readouterr().err
-
-
 @pytest.fixture
 def comparison():
     return load_script("experiments/comparison")
-
-
-def test_the_measured_intervals_contain_the_truth_and_pairs_save_episodes(comparison):
-    rows = {row["construction"]: row for row in comparison.read_rows(comparison.MEASURED)}
-    for name in comparison.CONSTRUCTIONS:
-        assert rows[name]["difference"] == pytest.approx(0.05)
-        assert rows[name]["comparisons"] >= 2_000
-        assert rows[name]["paired_episodes"] <= rows[name]["unpaired_episodes"]
-    hard = rows["hard episodes"]
-    assert 0.93 <= hard["paired_coverage"] <= 0.97
-    assert hard["paired_width"] < hard["unpaired_width"]
-
-
-def test_the_pool_has_episodes_that_the_expert_alone_solves(comparison):
-    assert comparison.successes("expert").all()
-    assert not comparison.successes("random").any()
-    assert comparison.successes("expert").size >= 1_000
 
 
 @pytest.mark.parametrize("name", ["independent coins", "hard episodes", "nested failures"])

@@ -88,17 +88,6 @@ def test_sets_are_described_and_kept(offline, tmp_path, monkeypatch):
     assert offline.main([str(tmp_path / "work"), "sets"]) == 0
 
 
-def test_every_row_of_the_table_has_a_cell(offline):
-    measured = {path.stem for path in load_script("experiments/offline").RESULTS.glob("*.json")}
-    assert measured == {cell.name for cell in offline.CELLS}
-
-
-@pytest.mark.parametrize("arguments", [[], ["runs", "iql:mixd:1"], ["runs", "iql"], ["runs", "bc:mixed:1"]])
-def test_bad_arguments_are_refused(offline, capsys, arguments):
-    assert offline.main(arguments) == 2
-    assert capsys.readouterr().err
-
-
 def test_scores_are_shares_of_the_tasks_asked_for():
     tables = load_script("scripts/result_tables")
     assert tables._offline_score({"task_name": "mixed", "mean_tasks": 3.0}) == 75.0
