@@ -123,7 +123,7 @@ def test_sizes_are_looked_at_before_arrays_are_read(tmp_path, monkeypatch):
     assert tmp_path.joinpath("x.npz").stat().st_size < 20_000
     assert files.load_arrays(tmp_path / "x.npz", "an episode", max_bytes=2**24)[0]["array"].shape == (2**20,)
     monkeypatch.setattr(zipfile.ZipFile, "open", None)
-    with pytest.raises(OSError, match=r"x.npz does not hold an episode: it would take 8\d+ bytes of memory, more than"):
+    with pytest.raises(OSError, match=r"x.npz .* 8\d+ bytes of memory"):
         files.load_arrays(tmp_path / "x.npz", "an episode", max_bytes=2**22)
 
 
@@ -174,7 +174,7 @@ def test_arrays_are_read_as_numpy_reads_them(tmp_path, order, dtype):
 
 def test_the_reason_of_damaged_contents_is_named(tmp_path):
     tmp_path.joinpath("x.npz").write_bytes(b"nothing")
-    with pytest.raises(OSError, match=r"x.npz does not hold an episode \(BadZipFile: File is not a zip file\)$"):
+    with pytest.raises(OSError, match=r"x.npz does not hold an episode \(BadZipFile"):
         files.load_arrays(tmp_path / "x.npz", "an episode")
 
 
@@ -182,7 +182,7 @@ def test_the_reason_of_damaged_contents_is_named(tmp_path):
 def test_a_device_or_a_pipe_is_refused_in_place_of_being_read_without_end(tmp_path, load):
     os.mkfifo(tmp_path / "pipe")
     for path in (Path("/dev/zero"), tmp_path / "pipe"):
-        with pytest.raises(OSError, match=rf"^{path} does not hold an episode: it is not a regular file$"):
+        with pytest.raises(OSError, match=f"{path} .* not a regular file"):
             load(path, "an episode")
 
 

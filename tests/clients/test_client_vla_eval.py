@@ -168,19 +168,19 @@ def test_servers_of_the_suite_act_beside_pictures(evaluate, folder):
 
 
 BAD_PARAMS = {
-    "domain": ({"domain_name": "kitchn"}, "domain 'kitchn' does not exist (did you mean 'kitchen'?)"),
-    "task": ({"tasks": ["kettl"]}, "'kitchen' task 'kettl' does not exist (did you mean 'kettle'?)"),
-    "task of another domain": ({"tasks": ["top_drawer"]}, "task 'top_drawer' belongs to domain 'open_cabinet'"),
+    "domain": ({"domain_name": "kitchn"}, "'kitchen'"),
+    "task": ({"tasks": ["kettl"]}, "'kettle'"),
+    "task of another domain": ({"tasks": ["top_drawer"]}, "'open_cabinet'"),
     "no tasks": ({"tasks": []}, "tasks is empty"),
-    "one task": ({"tasks": "kettle"}, "tasks must be a sequence of names, got 'kettle'"),
-    "seed": ({"seed": -1}, "seed must be at least 0, got -1"),
+    "one task": ({"tasks": "kettle"}, "tasks must be a sequence"),
+    "seed": ({"seed": -1}, "seed must be at least 0"),
     "argument": ({"task_kwargs": {"contrl_mode": "ee_pose"}}, "'contrl_mode'"),
     "value": ({"task_kwargs": {"control_mode": "ee_pos"}}, "'ee_pos' does not exist"),
     "observations": ({"task_kwargs": {"obs_type": "state"}}, "environment_state_agent_pos"),
-    "protocol": ({"protocol": "d4rll"}, "protocol 'd4rll' does not exist (did you mean 'd4rl'?)"),
-    "protocol and seed": ({"protocol": "d4rl", "seed": 1}, "has tasks and a seed of its own"),
-    "protocol with goals": ({"protocol": "beso"}, "takes its goals from a recording"),
-    "protocol with scores": ({"protocol": "clean"}, "has scores that vla-eval does not report"),
+    "protocol": ({"protocol": "d4rll"}, "'d4rl'"),
+    "protocol and seed": ({"protocol": "d4rl", "seed": 1}, "seed of its own"),
+    "protocol with goals": ({"protocol": "beso"}, "goals from a recording"),
+    "protocol with scores": ({"protocol": "clean"}, "vla-eval does not report"),
     "value of the protocol": ({"protocol": "d4rl", "task_kwargs": {"robot_noise_ratio": -1}}, "robot_noise_ratio"),
 }
 
@@ -195,10 +195,10 @@ def test_bad_params_are_refused_in_one_line(params, shown):
 
 
 BAD_ACTIONS = {
-    "shape": ({"actions": np.zeros(7)}, "actions must have shape (9,), got shape (7,)"),
-    "a chunk": ({"actions": np.zeros((5, 9))}, "got shape (5, 9)"),
+    "shape": ({"actions": np.zeros(7)}, "(7,)"),
+    "a chunk": ({"actions": np.zeros((5, 9))}, "(5, 9)"),
     "NaN": ({"actions": np.full(9, np.nan)}, "actions must be finite"),
-    "none": ({"action": np.zeros(9)}, "the server's answer has no 'actions', but ['action']"),
+    "none": ({"action": np.zeros(9)}, "no 'actions'"),
 }
 
 

@@ -333,10 +333,8 @@ def test_two_recordings_started_together_do_not_share_a_folder(run, tmp_path, mo
 
     monkeypatch.setattr(files, "check_writable", check_late)
     status, _, err = run("--output=runs", "--num_episodes=2", *SHORT)
-    assert (status, err) == (
-        2,
-        "kitchen-record: runs holds a recording with seed 5, not 0: name another folder\n",
-    )
+    assert status == 2
+    assert "runs holds a recording with seed 5, not 0" in err
     assert [about["seed"] for about, _ in load_all("runs").values()] == [5]
     assert json.loads(tmp_path.joinpath("runs/recording.json").read_text())["seed"] == 5
 
@@ -352,7 +350,8 @@ def test_a_recording_is_not_completed_with_another_policy_of_the_same_file_name(
     assert list(load_all("runs")) == names(0)
     os.remove("p.npz")
     status, _, err = run(*command, "--num_episodes=2")
-    assert (status, err) == (2, "kitchen-record: no such file: 'p.npz' (expected a trained policy)\n")
+    assert status == 2
+    assert "no such file: 'p.npz'" in err
 
 
 @pytest.mark.parametrize("num_envs", brief([1, 2], kept=[2]))
@@ -426,9 +425,7 @@ def test_a_folder_of_rollouts_is_refused(run):
     before = load_all("runs")
     status, out, err = run("--output=runs", *SHORT)
     assert (status, out.count("\n\nseed")) == (2, 0)
-    assert err == (
-        'kitchen-record: runs holds a recording with seeding "dm_control", not "gymnasium": name another folder\n'
-    )
+    assert 'seeding "dm_control", not "gymnasium"' in err
     os.remove("runs/recording.json")
     status, _, err = run("--output=runs", *SHORT)
     assert (status, err.count("\n")) == (2, 1)
@@ -474,31 +471,19 @@ def test_a_full_disk_gets_one_line(run, monkeypatch):
 
 
 BAD = {
-    "--colour=red": "there is no flag --colour",
     "--num_episodes=0": "flag --num_episodes=0: ",
     "--num_envs=0": "flag --num_envs=0: ",
     "--num_threads=0": "flag --num_threads=0: ",
     "--max_episode_steps=0": "flag --max_episode_steps=0: ",
     "--seed=-1": "flag --seed=-1: ",
-    "--domain_name=kitchn": "did you mean 'kitchen'?",
-    "--task_name=kettel": "did you mean 'kettle'?",
-    "--policy=rndom": "did you mean 'random'?",
     "--policy=my_policies:lost": "has no attribute 'lost'",
     "--policy=my_policies:broken": "'my_policies:broken' raised KeyError: 'lost'",
     "--policy=my_policies:too_great": "returned a bad action",
     "--output=my_policies.py": "my_policies.py",
-    "--output=": "is empty",
-    "--task_kwargs=[1]": "JSON object",
-    "--task_kwargs={": "cannot be read as JSON",
-    '--task_kwargs={"colour": 1}': "unexpected keyword argument 'colour'",
     '--task_kwargs={"disable_env_checker": true}': "unexpected keyword argument 'disable_env_checker'",
     "--num_threads=99999999999": "flag --num_threads=99999999999: ",
     '--task_kwargs={"threshold": -1}': "threshold must be",
     '--task_kwargs={"info_format": "lists"}': "info_format cannot be among the task_kwargs",
-    '--task_kwargs={"random": 1}': "random cannot be among the task_kwargs",
-    '--task_kwargs={"time_limit": 1}': "time_limit cannot be among the task_kwargs",
-    '--task_kwargs={"num_envs": 1}': "num_envs cannot be among the task_kwargs",
-    "all": "unexpected argument 'all'",
 }
 
 

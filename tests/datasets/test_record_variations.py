@@ -182,13 +182,10 @@ def test_without_variations_recordings_have_no_new_names():
 
 BAD = {
     "--variations=strat": ["'strat'", "'start'"],
-    "--variations=start,": ["''"],
     "--variations=start,start": ["'start'"],
     "--variations={": ["variations", "JSON"],
-    f'--variations={{"kettle/mass": {"[" * 64}{"]" * 64}}}': ["variations", "64 levels"],
     '--variations={"kettle/mas": 1}': ["'kettle/mas'", "'kettle/mass'"],
     '--variations={"kettle/mass": 9}': ["kettle/mass", "0.4", "1.5", "9.0"],
-    '--variations={"kettle/mass": {"uniform": [1]}}': ["kettle/mass", "low and high"],
     '--variations={"kettle/mass": "heavy"}': ["kettle/mass", "heavy"],
     "--variation_split=test": ["seen", "held_out"],
     '--task_kwargs={"variations": 3}': ["variations", "3"],

@@ -63,7 +63,7 @@ def test_the_hand_moves_as_the_action_says():
 @pytest.mark.full
 @pytest.mark.parametrize("mode", ["joint_velocity", "joint_position", "joint_delta"])
 def test_other_control_modes_are_refused(mode):
-    with pytest.raises(ValueError, match=f"robot 'my_arm' needs one of the control modes .*ee_pose.*, got '{mode}'"):
+    with pytest.raises(ValueError, match=rf"robot 'my_arm' .*ee_pose.*'{mode}'"):
         load(control_mode=mode)
 
 
@@ -80,7 +80,7 @@ def test_a_missing_package_is_named_with_its_command(robot, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("robot", "error"), [("ur5", ValueError), (3, TypeError), ("nowhere:ARM", ValueError), ("numpy:pi", ValueError)]
+    ("robot", "error"), [("ur5", ValueError), ("nowhere:ARM", ValueError), ("numpy:pi", ValueError)]
 )
 def test_an_unknown_robot_is_refused(robot, error):
     with pytest.raises(error, match="robot"):
@@ -90,9 +90,9 @@ def test_an_unknown_robot_is_refused(robot, error):
 @pytest.mark.parametrize(
     ("removed", "put", "shown"),
     [
-        ('angle="radian"', "", "must be in radians"),
-        (' range="-3 3"', "", "needs a range of joint 'a', and a position servo 'a'"),
-        (' ctrlrange="-3 3"', "", "needs a range of joint 'a', and a position servo 'a'"),
+        ('angle="radian"', "", "radians"),
+        (' range="-3 3"', "", "range of joint 'a'"),
+        (' ctrlrange="-3 3"', "", "range of joint 'a'"),
         ('<position name="b"', '<motor name="b"', "a position servo 'b'"),
         ('<site name="end_effector"', '<site name="tool"', "has no site 'end_effector'"),
         ('<joint name="e"', '<joint name="elbow"', "has no joint 'e'"),
@@ -107,8 +107,8 @@ def test_an_arm_whose_mjcf_lacks_something_is_refused(removed, put, shown):
 @pytest.mark.parametrize(
     ("changes", "shown"),
     [
-        ({"servos": {}}, "must have 1 to 7 servos"),
-        ({"servos": {f"{k}": f"{k}" for k in range(8)}}, "must have 1 to 7 servos"),
+        ({"servos": {}}, "1 to 7 servos"),
+        ({"servos": {f"{k}": f"{k}" for k in range(8)}}, "1 to 7 servos"),
         ({"home": {"elbow": 0.0}}, "has no joint 'elbow'"),
     ],
 )

@@ -23,55 +23,37 @@ def load(domain="kitchen", task="all", environment_kwargs=None, **task_kwargs):
     ("arguments", "error", "words"),
     [
         ({"domain": "kitchn"}, ValueError, ["domain 'kitchn'", "did you mean 'kitchen'", "choose from"]),
-        ({"domain": 3}, TypeError, ["domain", "3"]),
         ({"task": "microwav"}, ValueError, ["'microwav'", "did you mean 'microwave'", "'kitchen'"]),
-        ({"task": "bottom burner"}, ValueError, ["'bottom burner'", "did you mean 'bottom_burner'"]),
-        ({"tasks_to_complete": ["bottom_burner"]}, ValueError, ["'bottom_burner'", "did you mean 'bottom burner'"]),
         ({"tasks_to_complete": ["toaster"]}, ValueError, ["'toaster'", "choose from", "'kettle'"]),
         ({"tasks_to_complete": []}, ValueError, ["tasks_to_complete", "empty"]),
-        ({"tasks_to_complete": ["kettle", "kettle"]}, ValueError, ["tasks_to_complete", "'kettle'", "more than once"]),
         ({"tasks_to_complete": "kettle"}, TypeError, ["tasks_to_complete", "'kettle'"]),
-        ({"tasks_to_complete": 7}, TypeError, ["tasks_to_complete", "7"]),
-        ({"tasks_to_complete": [7]}, TypeError, ["task", "7"]),
         ({"goals": {"microwave": [1.0, 2.0]}}, ValueError, ["goal of 'microwave'", "(1,)", "(2,)"]),
-        ({"goals": {"microwave": [NAN]}}, ValueError, ["goal of 'microwave'", "finite", "nan"]),
         ({"goals": {"microwave": [-1e200]}}, ValueError, ["goal of 'microwave'", "1e+10", "-1.e+200"]),
-        ({"threshold": 10**400}, ValueError, ["threshold", "finite"]),
-        ({"goals": {"microwave": ["far"]}}, TypeError, ["goal of 'microwave'", "numbers"]),
         ({"goals": {"micro": [1.0]}}, ValueError, ["'micro'", "did you mean 'microwave'"]),
         ({"goals": [1.0]}, TypeError, ["goals", "[1.0]"]),
         ({"task": "kettle", "goals": {"microwave": [0.1]}}, ValueError, ["'microwave'", "['kettle']"]),
         ({"robot_noise_ratio": -0.1}, ValueError, ["robot_noise_ratio", "-0.1", "non-negative"]),
         ({"object_noise_ratio": INF}, ValueError, ["object_noise_ratio", "inf", "finite"]),
-        ({"object_noise_ratio": "much"}, TypeError, ["object_noise_ratio", "'much'"]),
         ({"velocity_scale": NAN}, ValueError, ["velocity_scale", "nan"]),
-        ({"velocity_scale": -1}, ValueError, ["velocity_scale", "-1"]),
         ({"threshold": -1.0}, ValueError, ["threshold", "-1.0"]),
-        ({"threshold": True}, TypeError, ["threshold", "True"]),
         ({"feedback": "observd"}, ValueError, ["feedback", "did you mean 'observed'", "target"]),
         ({"terminate_on_tasks_completed": 1}, TypeError, ["terminate_on_tasks_completed", "1"]),
         ({"remove_task_when_completed": "no"}, TypeError, ["remove_task_when_completed", "'no'"]),
         ({"visuals": "no"}, TypeError, ["visuals", "'no'"]),
         ({"time_limit": 0}, ValueError, ["time_limit", "positive", "0"]),
-        ({"time_limit": -1.0}, ValueError, ["time_limit", "-1.0"]),
         ({"time_limit": INF}, ValueError, ["time_limit", "inf"]),
-        ({"time_limit": NAN}, ValueError, ["time_limit", "nan"]),
         ({"random": -1}, ValueError, ["random", "-1"]),
         ({"random": "lucky"}, TypeError, ["random", "'lucky'"]),
-        ({"random": 1.5}, TypeError, ["random", "1.5"]),
         ({"tasks": ["kettle"]}, TypeError, ["tasks"]),
         ({"environment_kwargs": {"flat": True}}, TypeError, ["flat"]),
         ({"environment_kwargs": {"flat_observation": "no"}}, TypeError, ["flat_observation", "'no'"]),
         ({"environment_kwargs": 3}, TypeError, ["environment_kwargs", "3"]),
-        ({"tasks_to_complete": {"kettle", "microwave"}}, TypeError, ["tasks_to_complete"]),
-        ({"goals": {"microwave": [[1.0], [2.0, 3.0]]}}, ValueError, ["goal of 'microwave'", "array"]),
         ({"domain": "open_cabinet", "task": "top_drawer", "drawer": "bottom"}, ValueError, ["top_drawer", "drawer"]),
     ],
 )
 def test_arguments(arguments, error, words):
-    with pytest.raises(error) as raised:
+    with refused(error, *words):
         load(**arguments)
-    assert all(word in str(raised.value) for word in words), str(raised.value)
 
 
 def test_environment_kwargs_are_no_task_kwargs():
@@ -96,14 +78,8 @@ def twins():
     ("action", "error", "words"),
     [
         (np.zeros(8), ValueError, ["action", "(9,)", "(8,)"]),
-        ([[1.0], [2.0, 3.0]], ValueError, ["action", "array"]),
-        (np.zeros((1, 9)), ValueError, ["action", "(9,)", "(1, 9)"]),
-        (0.0, ValueError, ["action", "(9,)", "()"]),
         ([NAN] * 9, ValueError, ["action", "finite", "nan"]),
-        ([0.0] * 8 + [-INF], ValueError, ["action", "finite", "inf"]),
         (["up"] * 9, TypeError, ["action", "numbers"]),
-        ([1j] * 9, TypeError, ["action", "numbers"]),
-        (None, TypeError, ["action", "None"]),
     ],
 )
 def test_actions_change_nothing(twins, action, error, words):
@@ -111,9 +87,8 @@ def test_actions_change_nothing(twins, action, error, words):
     for environment in twins:
         environment.random_state = 0
         environment.reset()
-    with pytest.raises(error) as raised:
+    with refused(error, *words):
         tried.step(action)
-    assert all(word in str(raised.value) for word in words), str(raised.value)
     for _ in range(3):
         one, other = tried.step(np.ones(9)), spared.step(np.ones(9))
         for key, value in one.observation.items():

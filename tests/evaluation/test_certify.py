@@ -128,7 +128,7 @@ def test_certificates_of_other_designs_are_not_completed(made_up, tmp_path):
     path = tmp_path / "stale.jsonl"
     path.write_bytes(line_of(stale))
     for certify in (write_certificates, check_certificates):
-        with pytest.raises(ValueError, match="has a certificate of another design as kitchen train/0"):
+        with pytest.raises(ValueError, match="another design as kitchen train/0"):
             certify(path, range(2), "train")
     assert certificates.read(path) == {0: stale}
 
@@ -191,14 +191,14 @@ def test_episodes_of_certified_kitchens_ask_for_certified_tasks_alone(ship):
 
 def test_kitchens_without_a_certificate_of_theirs_are_refused(ship):
     ship()
-    with pytest.raises(ValueError, match=r"train/3 has no certificate: .*write_certificates\(.*\[3\], 'train'\)"):
+    with pytest.raises(ValueError, match=r"train/3 has no certificate.*write_certificates\("):
         suite.load("kitchens", "open", {"design": 3, "certified": True})
     own = KitchenDesign.make(3, "train").to_json()
     with pytest.raises(ValueError, match="only kitchens of a split have certificates"):
         suite.load("kitchens", "open", {"design": own, "certified": True})
     stale = certificates.Certificate(design=3, digest="0" * 16, physics="fast", depth_mm=0.0, reached={}, steps={})
     ship(stale)
-    with pytest.raises(ValueError, match=r"train.jsonl has a certificate of another design as kitchen train/3: remove"):
+    with pytest.raises(ValueError, match=r"train.jsonl .* another design as kitchen train/3"):
         suite.load("kitchens", "open", {"design": 3, "certified": True})
 
 

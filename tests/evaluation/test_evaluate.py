@@ -277,8 +277,8 @@ def test_another_evaluations_folder_is_refused(run, tmp_path):
     assert before.keys() == {DESCRIPTION_FILE, EPISODES_FILE}
     tiny = (*KETTLE, "--num_episodes=1", "--max_episode_steps=1")
     for arguments, message in {
-        tiny: "runs holds an evaluation already: resume it, or name another folder",
-        (*tiny, "--resume", "--seed=3"): "runs holds an evaluation with seed 400000000, not 3: name another folder",
+        tiny: "runs holds an evaluation already: resume it",
+        (*tiny, "--resume", "--seed=3"): "with seed 400000000, not 3",
         (*tiny, "--resume", "--policy=zero"): 'with policy "random", not "zero"',
         (*tiny, "--resume", "--num_episodes=2"): "with num_episodes 1, not 2",
         (*tiny, "--resume", "--output=nothing"): "nothing does not hold an evaluation to resume",
@@ -305,7 +305,7 @@ def test_damaged_lines_are_refused(run, tmp_path, line):
     path.write_text(changed.get(line, f"{line}\n"), encoding="latin-1")
     status, out, err = run(*tiny, "--resume")
     assert (status, out) == (1, "")
-    assert err.startswith(f"kitchen-evaluate: runs/{EPISODES_FILE} does not hold the episodes of an evaluation (")
+    assert f"runs/{EPISODES_FILE} does not hold the episodes of an evaluation" in err
     assert err.count("\n") == 1
 
 
@@ -400,9 +400,8 @@ def test_a_policy_that_fails_ends_in_one_line(run, tmp_path):
     sys.modules.pop("faulty", None)
     status, _, err = run("--policy=faulty:act", "--task_name=kettle")
     assert status == 2
-    assert err == (
-        "kitchen-evaluate: policy 'faulty:act' returned a bad action: action must have shape (9,), got shape (1,)\n"
-    )
+    assert err.count("\n") == 1
+    assert "'faulty:act' returned a bad action" in err
 
 
 @pytest.mark.full
@@ -412,10 +411,8 @@ def test_a_folder_that_is_full_ends_in_one_line(run, tmp_path, monkeypatch):
 
     monkeypatch.setattr("kitchen_suite.evaluation.folder.EvaluationFolder.add", refuse)
     status, _, err = run(*KETTLE)
-    assert (status, err) == (
-        1,
-        "kitchen-evaluate: [Errno 28] No space left on device: 'runs/episodes.jsonl'\n",
-    )
+    assert (status, err.count("\n")) == (1, 1)
+    assert "No space left on device: 'runs/episodes.jsonl'" in err
     assert not (tmp_path / "a.json").exists()
 
 

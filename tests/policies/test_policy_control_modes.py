@@ -54,5 +54,5 @@ def test_where_something_varies_a_policy_that_was_trained_with_variations_is_pre
 
 
 def test_the_policy_of_the_kitchen_is_not_for_tasks_beyond_the_seven():
-    with pytest.raises(ValueError, match="no trained policy comes with the package for kitchen"):
+    with pytest.raises(ValueError, match=r"no trained policy .*kitchen"):
         shipped(suite.load("kitchen", "close_microwave", {"visuals": False}).task)

@@ -139,7 +139,7 @@ def tcp_sockets():
 def test_a_port_in_use_is_an_error(servers, port):
     with servers.local_server(port, "test"):
         second = servers.local_server(port, "test")
-        with pytest.raises(OSError, match=f"port {port} cannot be used .*: choose another one"):
+        with pytest.raises(OSError, match=f"port {port} cannot be used"):
             second.__enter__()
 
 

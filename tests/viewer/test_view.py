@@ -18,7 +18,7 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(capsys, monk
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert view.main([]) == 2
     err = capsys.readouterr().err
-    assert err == f"kitchen-view: kitchen-view needs viser and mjviser: {checks.install_command('web')}\n"
+    assert f"needs viser and mjviser: {checks.install_command('web')}" in err
 
 
 @pytest.mark.web
@@ -38,7 +38,8 @@ def test_a_port_in_use_gets_one_line_and_status_1(port, capsys):
     with socket.create_server(("127.0.0.1", port)):
         assert view.main(["--domain_name=microwave_table", f"--port={port}"]) == 1
     err = capsys.readouterr().err
-    assert err == f"kitchen-view: port {port} cannot be used (Address already in use): choose another one\n"
+    assert err.count("\n") == 1
+    assert f"port {port} cannot be used" in err
 
 
 @pytest.fixture

@@ -110,14 +110,6 @@ def test_vectorised_environments_truncate_as_single_ones_do(mode):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(
-    ("value", "error", "shown"),
-    [
-        (0, ValueError, ["max_task_steps", "1", "0"]),
-        (2.5, TypeError, ["max_task_steps", "2.5"]),
-        (True, TypeError, ["max_task_steps", "True"]),
-    ],
-)
-def test_limits_that_make_no_sense_are_refused(value, error, shown):
-    with refused(error, *shown):
-        FrankaKitchenEnv(max_task_steps=value)
+def test_a_limit_below_one_is_refused():
+    with refused(ValueError, "max_task_steps", "1", "0"):
+        FrankaKitchenEnv(max_task_steps=0)

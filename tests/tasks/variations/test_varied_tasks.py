@@ -387,13 +387,10 @@ def test_doors_may_start_further_open_than_groups_draw(task, displacement, angle
     ("options", "error", "shown"),
     [
         ({"variations": "strat"}, ValueError, ["'start'"]),
-        ({"variations": ["start", "start"]}, ValueError, ["more than once"]),
         ({"variations": 3}, TypeError, ["variations"]),
-        ({"variations": ["start", 3]}, TypeError, ["3"]),
         ({"variations": {"kettle/mas": 1.0}}, ValueError, ["'kettle/mass'"]),
         ({"variations": {"kettle/mass": 7.0}}, ValueError, ["kettle/mass", "0.4", "1.5", "7.0"]),
         ({"variations": {"hinge_cabinet/doors": [-0.9, 0.0]}}, ValueError, ["hinge_cabinet/doors", "-0.8", "-0.9"]),
-        ({"variations": {"kettle/mass": {"unifrom": [0, 1]}}}, ValueError, ["'uniform'"]),
         ({"variations": {"kettle/pose": [0.0, 0.0]}}, ValueError, ["kettle/pose", "(3,)"]),
         ({"variations": "start", "variation_split": "test"}, ValueError, ["variation_split", "'test'"]),
     ],
@@ -410,7 +407,6 @@ def test_bad_variations_are_refused(options, error, shown):
         (None, {"microwave/door": -0.1}, ValueError, ["variation_values", "'microwave/door'"]),
         (None, {"kettle/mass": 3.0}, ValueError, ["within 0.4 and 1.5"]),
         (None, {"kettle": {"mass": "heavy"}}, TypeError, ["kettle/mass"]),
-        (None, {"kettle/mass": np.nan}, ValueError, ["finite"]),
         (None, [("kettle/mass", 1.0)], TypeError, ["variation_values"]),
     ],
 )
