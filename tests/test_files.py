@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.arrays import npy
 from helpers.episodes import left_behind
 
 from kitchen_suite import files
@@ -86,12 +87,6 @@ def npz(path, **members):
             archive.writestr(f"{name}.npy", data)
 
 
-def npy(header, data=b""):
-    """Returns an npy file with a given header."""
-    text = header.encode().ljust(118) + b"\n"
-    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + data
-
-
 def array(values):
     buffer = io.BytesIO()
     np.save(buffer, values)
@@ -102,6 +97,7 @@ METADATA = array(np.array(json.dumps({"a": 1})))
 BOMBS = {
     "declares more than it holds": npy("{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000,), }"),
     "declares a huge string": npy("{'descr': '<U250000000', 'fortran_order': False, 'shape': (), }"),
+    "a negative shape": npy("{'descr': '<f4', 'fortran_order': False, 'shape': (-25,), }"),
     "thousands of brackets": npy("(" * 9000),
     "an open string": npy("{'descr': '<f4"),
     "minus signs": npy("-" * 9000 + "1"),
