@@ -7,7 +7,7 @@ import numpy as np
 from dm_control.composer.variation import distributions
 from scipy.spatial.transform import Rotation
 
-from kitchen_suite import experts
+from kitchen_suite import experts, suite
 from kitchen_suite.entities import PANDA, OpenCabinetArena
 from kitchen_suite.policies.experts.kinematics import ArmKinematics
 from kitchen_suite.policies.experts.skills import HandOrientation, Move, Skill
@@ -29,6 +29,11 @@ VARIED = {
 OPEN = -50.0
 
 _FORWARD = HandOrientation(approach=(0.0, 0.0, 1.0), spread=(0.0, 1.0, 0.0))
+
+
+def load(task="top_drawer", **options):
+    """Returns the environment of a task, without visuals and with the seed 0 unless another is given."""
+    return suite.load("open_cabinet", task, {"random": 0, "visuals": False, **options})
 
 
 def opening_policy(env):

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 from helpers import open_cabinet
 from helpers.errors import refused
-
-from kitchen_suite import suite
-
-
-def load(task="top_drawer", **options):
-    return suite.load("open_cabinet", task, {"random": 0, "visuals": False, **options})
+from helpers.open_cabinet import load
 
 
 @pytest.mark.parametrize(

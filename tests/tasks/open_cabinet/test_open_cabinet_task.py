@@ -5,15 +5,11 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
-from helpers.open_cabinet import HIGH, LOW, ROBOT_JOINTS, TERMS, Recomputed, flat
+from helpers.open_cabinet import HIGH, LOW, ROBOT_JOINTS, TERMS, Recomputed, flat, load
 
 from kitchen_suite import suite
 from kitchen_suite.tasks import OpenCabinetTask
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
-
-
-def load(task="top_drawer", **options):
-    return suite.load("open_cabinet", task, {"random": 0, "visuals": False, **options})
 
 
 def test_the_parts_of_the_observation():

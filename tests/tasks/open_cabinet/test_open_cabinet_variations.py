@@ -6,9 +6,8 @@ import gymnasium
 import numpy as np
 import pytest
 from dm_control.composer.variation import distributions
-from helpers.open_cabinet import VARIED
+from helpers.open_cabinet import VARIED, load
 
-from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID
 
 # What `VARIED` draws, as JSON describes it, in another order.
@@ -19,10 +18,6 @@ JSON = """{
     "cabinet/drawer_top_friction": {"uniform": [2.5, 4.0]},
     "cabinet/drawer_top_damping": {"uniform": [10.0, 20.0]}
 }"""
-
-
-def load(task="top_drawer", **options):
-    return suite.load("open_cabinet", task, {"random": 0, "visuals": False, **options})
 
 
 def scene_state(env):
