@@ -13,6 +13,8 @@ import pytest
 from helpers.errors import refused
 from helpers.viser_client import CAMERA
 
+from kitchen_suite.checks import install_command
+
 pytestmark = pytest.mark.web
 
 
@@ -64,7 +66,7 @@ def test_pages_of_other_origins_are_refused(servers, origins):
 
 def test_a_missing_extra_is_named_with_the_command_that_installs_it(servers, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with refused(ImportError, "'.[web]'"):
+    with refused(ImportError, install_command("web")):
         runpy.run_path(servers.__file__)
 
 
