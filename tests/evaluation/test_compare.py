@@ -158,6 +158,7 @@ def test_what_policies_observe_may_differ():
     assert kitchen_suite.compare(evaluated(), evaluated(task_kwargs=(("physics", "exact"),))).ties == EPISODES
 
 
+@pytest.mark.full
 def test_conditions_are_paired_each_by_itself():
     one = evaluated((TASKS,) * EPISODES, protocol="d4rl")
     comparison = kitchen_suite.compare(one, evaluated(protocol="d4rl"))

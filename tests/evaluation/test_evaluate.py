@@ -145,6 +145,7 @@ def test_lines_of_several_processes_do_not_mix(tmp_path):
     assert sorted(result.seed for result in found.results.values()) == [*range(70)]
 
 
+@pytest.mark.full
 def test_conditions_that_are_a_sample_are_scored_together():
     plan = make_unprepared_plan(PolicyRef.parse("zero"), "unseen-kitchens", Replaced(domain_name="kitchens"))
     # In kitchen 0 nothing succeeds, in kitchen 1 one of four episodes, and so on to all four, again and again.

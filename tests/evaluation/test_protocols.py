@@ -377,6 +377,7 @@ def test_default_is_the_default_task_of_another_domain():
     assert (made.first.max_episode_steps, made.score) == (700, None)
 
 
+@pytest.mark.full
 def test_conditions_of_groups_that_a_domain_does_not_have_are_left_out():
     made = plan(protocol="shift", domain_name="kitchens")
     groups = ("start", "dynamics", "sensing", "camera")

@@ -244,6 +244,7 @@ def test_every_changed_byte_is_found(written):
             Receipt.read(target)
 
 
+@pytest.mark.full
 def test_bad_files_are_refused(run, written):
     assert run(replay, "nothing.npz")[0] == 2
     files.Path("text.npz").write_text("a receipt")
@@ -569,6 +570,7 @@ def test_a_receipt_of_many_episodes_is_read_and_one_of_too_many_goals_is_refused
         check_receipt(dataclasses.replace(plan, resets=goals))
 
 
+@pytest.mark.full
 def test_a_bad_argument_is_not_an_altered_receipt(written):
     with pytest.raises(ValueError, match="num_envs"):
         kitchen_suite.replay(written, num_envs=0)
