@@ -10,7 +10,7 @@ from helpers.sweeps import brief_named
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
-from kitchen_suite.tasks import DEFAULT_TASKS
+from kitchen_suite.tasks import DEFAULT_TASKS, orders
 
 NO_NOISE = {"object_noise_ratio": 0.0, "robot_noise_ratio": 0.0}
 MIXED = ("close microwave", "bottom burner", "slide cabinet", "return kettle", "light switch", "turn off top burner")
@@ -18,6 +18,43 @@ MIXED = ("close microwave", "bottom burner", "slide cabinet", "return kettle", "
 
 def actions(count, seed=0):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (count, 9)).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        [0, 1],
+        [0, 1, 2, 3],
+        [[0, 1, 2]],
+        [-1, -1, -1],
+        [0, 2, -1],
+        [0, 0, 1],
+        [-2, 0, 1],
+    ],
+)
+def test_what_is_no_order_of_three_tasks_is_refused(order):
+    with refused(ValueError, "requested_order", "3"):
+        orders.checked_order(np.array(order), 3, "requested_order")
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [2, 0, 1], [-1, 0, -1], [1, -1, 0]])
+def test_an_order_has_the_place_of_each_task_or_none(order):
+    np.testing.assert_array_equal(orders.checked_order(np.array(order), 3, "requested_order"), order)
+
+
+@pytest.mark.parametrize("size", [2, 4])
+def test_a_mask_has_an_element_for_each_task(size):
+    with refused(ValueError, "requested_tasks", "(3,)"):
+        orders.requested_order(np.full(size, True), ["a", "b", "c"])
+
+
+def test_the_next_in_turn_is_the_first_that_is_not_completed_and_the_last_one_in_the_end():
+    order = np.array([[1, -1, 0], [1, -1, 0], [1, -1, 0], [0, 1, 2]])
+    completed = np.array([[False, True, False], [False, False, True], [True, True, True], [True, False, True]])
+    with np.errstate(divide="raise", invalid="raise"):
+        found = orders.next_in_turn(order, completed)
+    np.testing.assert_array_equal(found.argmax(axis=-1), [2, 0, 0, 1])
+    np.testing.assert_array_equal(found.sum(axis=-1), 1)
 
 
 @pytest.mark.full
