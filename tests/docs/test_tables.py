@@ -8,7 +8,7 @@ from docs_scripts import load_script
 
 PAGES = [page for page in sorted((ROOT / "docs").rglob("*.md")) if "<!-- table: " in page.read_text(encoding="utf-8")]
 # Their tables are made from environments of every domain, control mode and observation type.
-SLOW_PAGES = ("control_modes.md", "entities.md", "observations.md")
+SLOW_PAGES = ("control_modes.md", "entities.md", "observations.md", "variations.md")
 
 
 @pytest.fixture(scope="module")

@@ -480,6 +480,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", REFUSED)
 def test_what_makes_no_sense_is_refused_in_one_line(run, opened, tmp_path, kind):
