@@ -299,7 +299,7 @@ class Agent:
         rewards = self._bootstrapped(batch)
         estimates = advantages(rewards, values, batch.ended, discount=config.discount, gae_lambda=config.gae_lambda)
         returns = (estimates + values[:-1]).reshape(-1, 1)
-        # The estimates are in the scale of the last batch; what the network learns, in that of this one.
+        # The outputs are in the scale of the batches before, and the returns that they are to be in that with this one.
         self.value_scaler.update(returns)
         return Samples(
             observations=observations[:-1].flatten(0, 1),
