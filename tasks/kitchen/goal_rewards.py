@@ -5,6 +5,7 @@ of all tasks concatenated. Infos are one dict, or a list or array of dicts for a
 under a key such as `tasks_to_complete`, or has a mask in configured order under `tasks_to_complete_mask`.
 """
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -109,9 +110,25 @@ def _part(infos: NDArray[np.object_], key: str, width: int | None = None) -> Arr
     for info in infos.ravel():
         if key not in info:
             raise ValueError(f"the reward needs {key!r} of the step's infos, got {sorted(info)}")
-        value = np.atleast_1d(checks.array_of(info[key], key))
-        values.append(checks.vector(value.astype(np.float64) if value.dtype == bool else value, width or 1, key))
-    return np.array(values).reshape(infos.shape if width is None else (*infos.shape, width))
+        values.append(info[key])
+    size = width or 1
+    shape = infos.shape if width is None else (*infos.shape, width)
+    # All infos at once, which takes a quarter of the time.
+    with contextlib.suppress(ValueError), np.errstate(over="ignore"):
+        together = np.asarray(values)
+        fits = together.ndim <= 2 and together.size == infos.size * size
+        if fits and together.dtype.kind in "bfiu":
+            numbers = together.astype(np.float64).reshape(shape)
+            if np.isfinite(numbers).all():
+                return numbers
+    # One by one: numbers beside vectors of one element, or an error that shows the info at fault.
+    return np.array([_vector(value, size, key) for value in values]).reshape(shape)
+
+
+def _vector(value: ArrayLike, size: int, key: str) -> Array:
+    """Returns what one info has under a key as a float64 vector; a number counts as a vector of one element."""
+    array = np.atleast_1d(checks.array_of(value, key))
+    return checks.vector(array.astype(np.float64) if array.dtype == bool else array, size, key)
 
 
 def episode_steps(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:
@@ -143,20 +160,26 @@ def _listed(
     infos: NDArray[np.object_], tasks: Sequence[str], keys: Sequence[str], *, elsewhere: NDArray[np.bool_] | bool
 ) -> NDArray[np.bool_]:
     """Returns which tasks `(..., n)` infos `(...)` list under any of the keys; `elsewhere` where an info has no key."""
-    masks = [np.any([_mask(one, key, tasks) for key in keys], axis=0) for one in infos.ravel()]
-    has_key = [any(key in one or f"{key}_mask" in one for key in keys) for one in infos.ravel()]
-    listed = np.array(masks, bool).reshape(*infos.shape, len(tasks))
-    return np.where(np.array(has_key, bool).reshape(*infos.shape, 1), listed, elsewhere)
+    unlisted = np.zeros(len(tasks), bool)
+    listed = np.zeros((*infos.shape, len(tasks)), bool)
+    has_key = np.zeros((*infos.shape, 1), bool)
+    for key in keys:
+        masks = [_mask(info, key, tasks) for info in infos.ravel()]
+        has_key |= np.array([mask is not None for mask in masks], bool).reshape(has_key.shape)
+        listed |= np.array([unlisted if mask is None else mask for mask in masks], bool).reshape(listed.shape)
+    return np.where(has_key, listed, elsewhere)
 
 
-def _mask(info: Info, key: str, tasks: Sequence[str]) -> NDArray[np.bool_]:
-    """Returns which tasks `(n,)` one info lists under a key, by name or by mask."""
+def _mask(info: Info, key: str, tasks: Sequence[str]) -> ArrayLike | None:
+    """Returns which tasks `(n,)` one info lists under a key, by name or by mask; None if it has neither."""
     if key in info:
-        return np.array([task in info[key] for task in tasks])
-    mask = checks.array_of(info.get(f"{key}_mask", np.zeros(len(tasks), bool)), f"{key}_mask")
+        return [task in info[key] for task in tasks]
+    if f"{key}_mask" not in info:
+        return None
+    mask = checks.array_of(info[f"{key}_mask"], f"{key}_mask")
     if mask.shape != (len(tasks),):
         raise ValueError(f"{key}_mask of an info must have shape ({len(tasks)},), got {mask.shape}")
-    return mask.astype(bool)
+    return mask
 
 
 def _numbers(value: ArrayLike, size: int, name: str) -> Array:

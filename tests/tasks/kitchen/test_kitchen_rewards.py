@@ -254,6 +254,33 @@ class TestComputeReward:
         with refused(ValueError, "reward_state/hand_distances", "(1,)"):
             env.compute_reward(*goals, {**info, "reward_state/hand_distances": np.zeros(2)})
 
+    def test_an_info_of_a_batch_that_does_not_fit_is_refused_and_shown(self):
+        env = make(["kettle"], "dense")
+        observation, info = env.reset(seed=0)
+        goals = [np.tile(observation[name], (3, 1)) for name in ("achieved_goal", "desired_goal")]
+
+        def rewards(name, value):
+            return env.compute_reward(*goals, [info, {**info, f"reward_state/{name}": value}, info])
+
+        with refused(ValueError, "reward_state/initial_achieved must have shape (7,), got shape (6,)"):
+            rewards("initial_achieved", np.zeros(6))
+        with refused(ValueError, "reward_state/initial_achieved must be finite", "nan"):
+            rewards("initial_achieved", np.full(7, np.nan))
+        with refused(TypeError, "reward_state/initial_achieved must hold 7 numbers"):
+            rewards("initial_achieved", ["x"] * 7)
+        # A number counts as a vector of one element.
+        expected = rewards("hand_distances", np.array([0.1]))
+        assert expected[1] != expected[0]
+        np.testing.assert_array_equal(rewards("hand_distances", 0.1), expected)
+
+    def test_a_mask_of_none_is_refused(self):
+        env = make(["kettle"], "sparse")
+        observation, info = env.reset(seed=0)
+        with refused(ValueError, "tasks_to_complete_mask", "(1,)"):
+            env.compute_reward(
+                observation["achieved_goal"], observation["desired_goal"], {**info, "tasks_to_complete_mask": None}
+            )
+
     def test_infinitely_far_goals_pay_no_progress(self):
         env = make(["microwave"], "dense")
         info = env.reset(seed=0)[1]
