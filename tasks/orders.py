@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.types import Array
 
-REQUESTED = "requested_tasks"  # Option of a reset, observation and info.
+# Name of an option of a reset, of an observation and of an info.
+REQUESTED = "requested_tasks"
 
-
-REQUESTED_ORDER = "requested_order"  # Name of the info on the order of the requested tasks.
+# Name of the info on the order of the requested tasks.
+REQUESTED_ORDER = "requested_order"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -76,9 +77,9 @@ class Ordering:
       in_order: whether a task counts only once those before it have been completed.
     """
 
-    draw: TaskDraw | None = None
-    in_turn: bool = False
-    in_order: bool = False
+    draw: TaskDraw | None
+    in_turn: bool
+    in_order: bool
 
     @classmethod
     def make(cls, *, tasks_per_episode: object, tasks_in_turn: bool, tasks_in_order: bool, count: int) -> Self:

@@ -48,6 +48,11 @@ def test_a_mask_has_an_element_for_each_task(size):
         orders.requested_order(np.full(size, True), ["a", "b", "c"])
 
 
+def test_an_array_of_names_is_no_mask():
+    with refused(TypeError, "requested_tasks", "mask of bools"):
+        orders.requested_order(np.array(["a", "b", "c"]), ["a", "b", "c"])
+
+
 def test_the_next_in_turn_is_the_first_that_is_not_completed_and_the_last_one_in_the_end():
     order = np.array([[1, -1, 0], [1, -1, 0], [1, -1, 0], [0, 1, 2]])
     completed = np.array([[False, True, False], [False, False, True], [True, True, True], [True, False, True]])
@@ -259,6 +264,7 @@ def test_weights_choose_the_tasks_of_later_episodes():
         (8, ValueError, ["7", "tasks_to_complete"]),
         ((3, 2), ValueError, ["pair of the least and greatest number"]),
         ((1, 2, 3), ValueError, ["pair of the least and greatest number"]),
+        ((2,), ValueError, ["pair of the least and greatest number"]),
         (2.5, TypeError, ["must be an integer"]),
         ("4", TypeError, ["must be an integer"]),
     ],
