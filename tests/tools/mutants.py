@@ -3,6 +3,7 @@
 pip install cosmic-ray
 python tests/tools/mutants.py              tests all mutants (hours); goes on where it was stopped
 python tests/tools/mutants.py --only=WORD  those of modules whose name contains the word
+python tests/tools/mutants.py --sample=200 tests 200 mutants of each module, drawn at random; all where there are fewer
 python tests/tools/mutants.py --again      tests the survivors once more, after tests have been added
 python tests/tools/mutants.py --report     prints the scores so far, and the mutants that survived
 
@@ -10,8 +11,9 @@ A mutant is a copy of a module with one operator, number or keyword changed by c
 named here pass with it. Each process tests in a copy of the package of its own, which it is checked to import: a
 function that is broken on purpose must be found. The tests that have found mutants are played first, the last one at
 the front. Results are in docs/experiments/results/mutants; those of a module whose code has changed since are dropped.
-`equivalent_mutants.json` lists the survivors that no test can tell from the original, with the reason; scores leave
-them out. Exit status: 0 if all modules have a score of at least 97 %, else 1.
+`equivalent_mutants.json` lists the survivors that no test should tell from the original, with the reason; scores leave
+them out. Mutants are tested in a random order, so that those tested so far are a fair sample. Exit status: 0 if all
+modules have a score of at least 97 %, of all mutants or of the sample, else 1.
 """
 
 import argparse
@@ -27,12 +29,12 @@ import json
 import multiprocessing
 import os
 import queue
+import random
 import resource
 import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -91,12 +93,23 @@ TESTS = {
 
 
 class Mutant(NamedTuple):
-    """A mutant of a module: the operator of cosmic-ray and its place, and the lines that it changes."""
+    """A mutant of a module: the operator of cosmic-ray, and the number of the place that it changes."""
 
-    name: str
-    text: str
-    before: str
-    after: str
+    operator: str
+    place: int
+
+    @property
+    def name(self) -> str:
+        """Name of the mutant in the results."""
+        return f"{self.operator.removeprefix('core/')}/{self.place}"
+
+    def text(self, source: str) -> str:
+        """Returns the text of the module with the change."""
+        from cosmic_ray import plugins
+        from cosmic_ray.mutating import mutate_code
+
+        text: str = mutate_code(source, plugins.get_operator(self.operator)(), self.place)
+        return text
 
 
 def installed(module: str) -> Path:
@@ -105,23 +118,22 @@ def installed(module: str) -> Path:
     return path if path.parts[0] == "kitchen_suite" else Path("kitchen_suite") / path
 
 
-def mutants(module: str) -> Iterator[Mutant]:
-    """Yields all mutants of a module."""
+def mutants(module: str, source: str) -> list[Mutant]:
+    """Returns all mutants of a module, in a random order that is the same at each call."""
     from cosmic_ray import plugins
     from cosmic_ray.ast import ast_nodes, get_ast
-    from cosmic_ray.mutating import mutate_code
 
-    source = (ROOT / module).read_text(encoding="utf-8")
     nodes = [*ast_nodes(get_ast(source))]
+    found = []
     for operator in plugins.operator_names():
         made = plugins.get_operator(operator)
         if made.arguments():
             # Variables to replace would have to be named.
             continue
         places = sum(len([*made().mutation_positions(node)]) for node in nodes)
-        for place in range(places):
-            text = mutate_code(source, made(), place)
-            yield Mutant(f"{operator.removeprefix('core/')}/{place}", text, *changed_lines(source, text))
+        found += [Mutant(operator, place) for place in range(places)]
+    random.Random(module).shuffle(found)
+    return found
 
 
 def changed_lines(before: str, after: str) -> tuple[str, str]:
@@ -156,7 +168,9 @@ class Results:
     def __init__(self, module: str) -> None:
         """Reads what there is of the present source."""
         self.module, self.path = module, RESULTS / f"{module.replace('/', '_').removesuffix('.py')}.json"
-        self.digest = digest((ROOT / module).read_text(encoding="utf-8"))
+        # Mutants are made from this text, whatever becomes of the file while they are tested.
+        self.source = (ROOT / module).read_text(encoding="utf-8")
+        self.digest = digest(self.source)
         found = json.loads(self.path.read_text(encoding="utf-8")) if self.path.exists() else {}
         if found.get("source") != self.digest:
             found = {"total": None, "killed": [], "survived": {}}
@@ -164,13 +178,18 @@ class Results:
         self.killed: list[str] = found["killed"]
         self.survived: dict[str, list[str]] = found["survived"]
 
-    def add(self, mutant: Mutant, survived: bool) -> None:
-        """Adds the result of a mutant, in place of an earlier one."""
-        self.survived.pop(mutant.name, None)
+    @property
+    def tested(self) -> int:
+        """Number of mutants that have been tested."""
+        return len(self.killed) + len(self.survived)
+
+    def add(self, name: str, lines: tuple[str, str], *, survived: bool) -> None:
+        """Adds the result of a mutant, given the lines that it changes, in place of an earlier one."""
+        self.survived.pop(name, None)
         if survived:
-            self.survived[mutant.name] = [mutant.before, mutant.after]
+            self.survived[name] = [*lines]
         else:
-            self.killed.append(mutant.name)
+            self.killed.append(name)
 
     def save(self) -> None:
         """Writes the file."""
@@ -194,7 +213,7 @@ class Tester:
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload([*PRELOADED])
 
-    def passes(self, module: str, text: str) -> bool:
+    def passes(self, module: str, source: str, text: str) -> bool:
         """Returns whether the tests of a module pass with another text of it; one that takes too long does not."""
         path = self._folder / installed(module)
         path.write_text(text, encoding="utf-8")
@@ -205,17 +224,16 @@ class Tester:
         if process.exitcode is None:
             process.kill()
             process.join()
-        shutil.copy(ROOT / module, path)
+        path.write_text(source, encoding="utf-8")
         if process.exitcode == NO_TESTS:
             raise RuntimeError(f"there are no tests of {module}")
         return process.exitcode == 0
 
-    def check(self, module: str) -> None:
+    def check(self, module: str, source: str) -> None:
         """Raises a RuntimeError unless the tests pass without a mutation, and find a function that is broken."""
-        source = (ROOT / module).read_text(encoding="utf-8")
-        if not self.passes(module, source):
+        if not self.passes(module, source, source):
             raise RuntimeError(f"tests of {module} fail without a mutation")
-        if self.passes(module, source.replace("    return ", "    return None and ")):
+        if self.passes(module, source, source.replace("    return ", "    return None and ")):
             raise RuntimeError(f"tests of {module} pass when it is broken: they import another copy")
 
 
@@ -258,61 +276,70 @@ def run_tests(folder: Path, tests: tuple[str, ...]) -> None:
     os._exit(int(status))
 
 
-def run(modules: list[str], *, again: bool, processes: int) -> None:
-    """Tests the mutants that have not been tested, or those that survived, while those of the next module are made."""
+def run(modules: list[str], *, sample: int | None, again: bool, processes: int) -> None:
+    """Tests the mutants that have not been tested, or those that survived."""
     results = {module: Results(module) for module in modules}
-    waiting: queue.SimpleQueue[tuple[str, Mutant] | None] = queue.SimpleQueue()
-    lock, bar = threading.Lock(), tqdm(total=0, unit="mutant", disable=None)
+    waiting: queue.SimpleQueue[tuple[str, Mutant]] = queue.SimpleQueue()
+    for module in modules:
+        for mutant in to_test(module, results[module], sample=sample, again=again):
+            waiting.put((module, mutant))
+    lock, bar = threading.Lock(), tqdm(total=waiting.qsize(), unit="mutant", disable=None)
 
     def work(folder: Path) -> None:
         tester, checked = Tester(folder), set()
-        while (item := waiting.get()) is not None:
-            module, mutant = item
+        while True:
+            try:
+                module, mutant = waiting.get_nowait()
+            except queue.Empty:
+                return
+            source = results[module].source
             if module not in checked:
-                tester.check(module)
+                tester.check(module, source)
                 checked.add(module)
-            survived = tester.passes(module, mutant.text)
+            text = mutant.text(source)
+            survived = tester.passes(module, source, text)
             with lock:
-                results[module].add(mutant, survived)
+                results[module].add(mutant.name, changed_lines(source, text), survived=survived)
                 results[module].save()
                 bar.update()
 
     with tempfile.TemporaryDirectory() as folder, concurrent.futures.ThreadPoolExecutor(processes) as pool, bar:
         jobs = [pool.submit(work, Path(folder, str(number))) for number in range(processes)]
-        try:
-            for module in modules:
-                chosen = to_test(module, results[module], again=again)
-                bar.total += len(chosen)
-                bar.refresh()
-                for mutant in chosen:
-                    waiting.put((module, mutant))
-        finally:
-            for _ in jobs:
-                waiting.put(None)
         for job in jobs:
             job.result()
 
 
-def to_test(module: str, found: Results, *, again: bool) -> list[Mutant]:
-    """Returns the mutants of a module that have not been tested, or those that survived; stores their number."""
-    made = [*mutants(module)]
+def to_test(module: str, found: Results, *, sample: int | None, again: bool) -> list[Mutant]:
+    """Returns the mutants of a module that are missing in its sample, or that survived; stores their number."""
+    made = mutants(module, found.source)
     found.total = len(made)
-    tested = {*found.killed} if again else {*found.killed, *found.survived}
-    return [each for each in made if each.name not in tested and (each.name in found.survived or not again)]
+    if again:
+        return [each for each in made if each.name in found.survived]
+    tested = {*found.killed, *found.survived}
+    missing = [each for each in made if each.name not in tested]
+    return missing if sample is None else missing[: max(sample - found.tested, 0)]
 
 
-def report(modules: list[str]) -> bool:
+def stripped(text: str) -> str:
+    """Returns a text without the spaces at the beginning of its lines, as mutants' lines are kept."""
+    return "\n".join(line.strip() for line in text.splitlines())
+
+
+def report(modules: list[str], sample: int | None) -> bool:
     """Prints the score of each module and its survivors; returns whether all have been tested and score enough."""
     known: dict[str, list[dict[str, Any]]] = json.loads(EQUIVALENT.read_text(encoding="utf-8"))
     rows, enough = [], True
     for module in modules:
         found = Results(module)
         equivalent = {(each["before"], each["after"]) for each in known.get(module, [])}
+        for before in sorted({before for before, _ in equivalent if before not in stripped(found.source)}):
+            print(f"{EQUIVALENT.name} has a line that {module} does not: {before}")
         survivors = [lines for lines in found.survived.values() if tuple(lines) not in equivalent]
-        tested, left_out = len(found.killed) + len(found.survived), len(found.survived) - len(survivors)
-        score = len(found.killed) / max(tested - left_out, 1)
-        enough = enough and tested == found.total and score >= LEAST
-        rows.append((module, found.total, tested, left_out, len(survivors), f"{100 * score:.1f} %"))
+        left_out = len(found.survived) - len(survivors)
+        score = len(found.killed) / max(found.tested - left_out, 1)
+        complete = found.tested == found.total or (sample is not None and found.tested >= sample)
+        enough = enough and complete and score >= LEAST
+        rows.append((module, found.total, found.tested, left_out, len(survivors), f"{100 * score:.1f} %"))
         for before, after in survivors:
             print(f"{module}\n  - {before}\n  + {after}")
     print(tabulate(rows, ("module", "mutants", "tested", "equivalent", "survived", "score")))
@@ -323,16 +350,19 @@ def main() -> int:
     """Runs the command; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", help="word in the names of the modules to test")
+    parser.add_argument("--sample", type=int, help="number of mutants of each module; all when omitted")
     parser.add_argument("--again", action="store_true", help="test the survivors once more")
     parser.add_argument("--report", action="store_true", help="print what was found, and test nothing")
     parser.add_argument("--processes", type=int, default=2, help="number of tests at the same time")
     arguments = parser.parse_args()
+    if arguments.sample is not None and arguments.sample < 1:
+        parser.error(f"--sample must be at least 1, got {arguments.sample}")
     # Inherited by the processes; one thread each.
     os.environ.update({"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1"})
     modules = [module for module in TESTS if arguments.only in module]
     if not arguments.report:
-        run(modules, again=arguments.again, processes=arguments.processes)
-    return 0 if report(modules) else 1
+        run(modules, sample=arguments.sample, again=arguments.again, processes=arguments.processes)
+    return 0 if report(modules, arguments.sample) else 1
 
 
 if __name__ == "__main__":
