@@ -321,8 +321,8 @@ def test_scores_over_all_conditions():
         "other": {"task_relevant_success": 0.5, "all_objects_success": 0.0},
     }
     assert PROTOCOLS["lexa"].overall(scores) == {"task_relevant_success": 0.75, "all_objects_success": 0.25}
-    reached = dict(zip([name for (name,) in criteria.LEXA_SINGLES], [0.0, 0.1, 1.0, 0.0, 0.0, 0.5], strict=True))
-    assert PROTOCOLS["metra"].overall({"skills": reached}) == {"goals_reached": 3}
+    reached = dict(zip([name for (name,) in criteria.LEXA_SINGLES], [0.0, 0.1, 1.0, 0.2, 0.0, 0.5], strict=True))
+    assert PROTOCOLS["metra"].overall({"skills": reached}) == {"goals_reached": 4}
     shorter = {"p1": 1.0, "p2": 0.5, "p3": 0.0, "mean_length": 1.5}
     assert PROTOCOLS["calvin"].overall({"set 0": shorter}) == {**shorter, "p4": 0.0, "p5": 0.0}
     assert PROTOCOLS["default"].overall(scores) == {}

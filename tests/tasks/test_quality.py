@@ -10,12 +10,16 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control import mjcf
+from dm_control.entities.props.primitive import Primitive
 from gymnasium.utils.env_checker import data_equivalence
 from helpers.errors import refused
 from helpers.sweeps import brief, walk
 
 from kitchen_suite import suite
-from kitchen_suite.tasks import quality
+from kitchen_suite.entities import build_kitchen_scene
+from kitchen_suite.entities.generated_kitchen import MAX_PARTS
+from kitchen_suite.environment import Environment
+from kitchen_suite.tasks import KitchenTask, quality
 from kitchen_suite.tasks.quality import NUM_CONTACTS, TOLERANCES, Quality, QualityReading
 from kitchen_suite.vector_env.generated_kitchens import GeneratedKitchenVectorEnv
 
@@ -206,8 +210,9 @@ def _subtree(model, root):
     return found
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("count", [60, pytest.param(1_000, marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    "count", [pytest.param(60, marks=pytest.mark.full), pytest.param(1_000, marks=pytest.mark.nightly)]
+)
 def test_forces_are_those_of_single_contacts_summed_by_hand(count):
     """In random states, of which as many have contacts, one physics step after each."""
     environment = load("kitchen", control_timestep=0.002)
@@ -243,17 +248,25 @@ def test_contacts_of_the_robot_with_itself_do_not_count():
 
 def test_peaks_means_and_stray_contacts_follow_from_the_forces_of_physics_steps():
     current = still()
-    for arm, hand in (((0.0, 0.0), (2.0, 4.0)), ((6.0, 0.0), (0.0, 1.0)), ((0.0, 0.0), (0.0, 0.0))):
+    of_steps = (
+        ((0.0, 0.0), (2.0, 4.0)),
+        ((6.0, 0.0), (0.0, 1.0)),
+        ((0.0, 0.0), (0.0, 0.0)),
+        ((0.0, 2.0), (0.0, 0.0)),
+    )
+    means = []
+    for arm, hand in of_steps:
         contacts = np.zeros((4, 2, NUM_CONTACTS))
         contacts[0, :, 0] = np.add(arm, hand)
         contacts[1, :, 0] = hand
         current = current.after(reading(steps=2, contacts=contacts.ravel()))
+        means.append(current.info()["mean_contact_force"])
     infos = current.info()
+    assert means == [3.0, 1.75, pytest.approx(7.0 / 6.0), 0.875]
     assert infos["peak_contact_force"] == 4.0
-    assert infos["mean_contact_force"] == pytest.approx(7.0 / 6.0)
     assert infos["peak_arm_contact_force"] == 6.0
-    assert infos["mean_arm_contact_force"] == pytest.approx(1.0)
-    assert infos["stray_contacts"] == 1
+    assert infos["mean_arm_contact_force"] == 1.0
+    assert infos["stray_contacts"] == 2
 
 
 def displaced(environment, joint, by):
@@ -317,6 +330,13 @@ def test_objects_are_those_that_move_without_what_follows_them():
     assert kitchen == {*knobs, *doors, "light_switch", ""}
 
 
+def test_kitchens_keep_a_place_for_each_part_that_any_of_them_may_have():
+    for design in (3, 5):
+        objects = load("kitchens", design=design).task.meter.objects
+        assert len(objects) == MAX_PARTS
+        assert "" in objects
+
+
 def test_an_object_of_a_user_counts_in_single_and_vectorised_environments():
     mug = runpy.run_path(str(EXAMPLES / "mug.py"))["MUG_KITCHEN"]
     environment = mug.load(**mug.tasks["kettle"], random=0, visuals=False, quality=True)
@@ -325,9 +345,32 @@ def test_an_object_of_a_user_counts_in_single_and_vectorised_environments():
     column = environment.physics.bind(
         mjcf.get_frame_freejoint(environment.task.scene.attached["mug"].mjcf_model)
     ).qposadr
-    environment.physics.data.ptr.qpos[int(column) + 1] += 0.05
+    positions = environment.physics.data.ptr.qpos[int(column) : int(column) + 7]
+    # It may turn about its axis.
+    positions[3:] = [np.cos(1.0), 0.0, 0.0, np.sin(1.0)]
+    environment.step(np.zeros(9))
+    assert environment.task.disturbed_objects == []
+    positions[1] += 0.05
     environment.step(np.zeros(9))
     assert environment.task.disturbed_objects == ["mug/"]
+
+
+def test_a_ball_may_turn_as_far_as_a_hinge():
+    angle = TOLERANCES["hinge"]
+    turned = np.array([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])
+    assert TOLERANCES["ball"] == pytest.approx(np.linalg.norm(turned - [1.0, 0.0, 0.0, 0.0]))
+
+
+def test_objects_may_be_held_by_other_constraints_than_those_of_joints():
+    scene = build_kitchen_scene()
+    mug = Primitive(geom_type="cylinder", size=(0.035, 0.05), name="mug")
+    frame = scene.attach(mug, pos=(-0.65, -0.35, 1.9), free=True)
+    scene.arena.mjcf_model.equality.add("weld", body1=frame)
+    task = KitchenTask(scene)
+    task.measure_quality()
+    with Environment(task) as environment:
+        environment.reset()
+        assert "mug/" in task.meter.objects
 
 
 def test_another_arm_is_measured():
@@ -356,14 +399,12 @@ def test_energy_of_a_falling_arm_is_that_of_its_actuators():
     environment.reset()
     physics, expected = environment.physics, 0.0
     for action in walk(environment.action_spec(), 20):
-        before = physics.data.ptr.time
-        environment.step(action)
         data = physics.data.ptr
+        before, velocities = data.time, data.actuator_velocity.copy()
+        environment.step(action)
         assert data.time == pytest.approx(before + 0.002)
         # The actuators' forces are those of the physics step; velocities have gone on.
-        expected += np.abs(
-            data.actuator_force * environment.task.meter.read(environment.task.simulation).displacements
-        ).sum()
+        expected += np.abs(data.actuator_force * velocities * 0.002).sum()
     assert environment.task.quality["energy"] == pytest.approx(expected)
     assert expected > 0.0
 

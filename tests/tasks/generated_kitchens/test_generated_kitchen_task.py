@@ -13,6 +13,7 @@ from kitchen_suite.commands import record, replay, rollout
 from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS
 from kitchen_suite.names import FAST
+from kitchen_suite.tasks.generated_kitchens import mdp
 from kitchen_suite.tasks.generated_kitchens.mdp import CLOSED, NOISE_SIZE, OPEN, SIZE, SLICES, SLOT_SIZE, SLOT_SLICES
 from kitchen_suite.tasks.generated_kitchens.requests import VERBS
 
@@ -105,7 +106,7 @@ def test_fewer_slots_are_the_first_ones():
     assert observed[1].keys() == observed[0].keys()
     for key, value in observed[1].items():
         np.testing.assert_array_equal(value, observed[0][key][: value.size])
-    assert few.task.policy_inputs.size == sum(value.size for value in observed[1].values()) < SIZE
+    assert few.task.policy_inputs.size == mdp.size(2) == sum(value.size for value in observed[1].values()) < SIZE
 
 
 @pytest.mark.full
@@ -257,6 +258,32 @@ def test_closing_counts_below_its_share_and_what_is_not_asked_for_never():
     assert (timestep.reward, timestep.discount) == (1.0, 0.0)
 
 
+def test_what_has_been_undone_or_was_not_asked_for_is_not_complete():
+    environment = load()
+    start(environment, "open drawers_1/drawer_1", "turn_on hood_1/light_switch")
+    found = []
+    for opening in (0.2, 0.0):
+        move(environment, {DRAWER: opening, DRAWER + 1: 0.2})
+        found.append(np.flatnonzero(environment.task.mdp.complete(environment.task.state)).tolist())
+    assert found == [[DRAWER], []]
+
+
+def test_progress_is_the_share_of_the_way_from_the_start_to_the_goal():
+    environment = load("close", reward="dense")
+    start(environment, "close tall_door_1/left_door")
+    for opening in (0.9, 0.5, 0.25):
+        move(environment, {DOOR: -0.9 * opening})
+        assert environment.task.reward_terms["progress"] == pytest.approx(0.75 * (1.0 - opening))
+
+
+def test_the_joints_of_what_is_requested_are_known():
+    environment = load("any_2")
+    start(environment, "open drawers_1/drawer_1", "turn_on hood_1/light_switch")
+    task = environment.task
+    joints = task.mdp.requested_joints(task.scene, task.state)
+    assert {joint.full_identifier for joint in joints} == {"drawers_1/drawer_1", "hood_1/light_switch"}
+
+
 @pytest.mark.full
 def test_the_kettle_is_moved_once_it_is_on_the_back_burner():
     environment = load("move_kettle", **NO_NOISE)
@@ -335,7 +362,9 @@ def test_the_observation_is_that_of_the_physics():
         if name.startswith(("drawers", "tall_door")):
             frame = site.xmat.reshape(3, 3)
             np.testing.assert_allclose(slot[SLOT_SLICES["into"]], frame[:, 2], atol=1e-5)
-            np.testing.assert_allclose(np.abs(slot[SLOT_SLICES["along"]] @ frame[:, 1]), 1.0, atol=1e-5)
+            along = slot[SLOT_SLICES["along"]]
+            # In either sense.
+            np.testing.assert_allclose(along * np.sign(along @ frame[:, 1]), frame[:, 1], atol=1e-5)
 
 
 def test_noise_is_on_joints_handles_and_openings_and_within_its_bounds():
@@ -354,6 +383,11 @@ def test_noise_is_on_joints_handles_and_openings_and_within_its_bounds():
         np.testing.assert_array_equal(slots[..., SLOT_SLICES[name]], 0.0)
     np.testing.assert_array_equal(slots[:, 9:], 0.0)
     np.testing.assert_array_equal([each["hand_pose"] for each in differences], 0.0)
+    before = noisy.task.state.noise
+    noisy.step(np.zeros(9))
+    noise = noisy.task.state.noise
+    assert (np.abs(noise) <= noisy.task.mdp.noise_scale).all()
+    assert (noise[before != 0.0] != before[before != 0.0]).all()
 
 
 @pytest.mark.parametrize("number", range(12))
