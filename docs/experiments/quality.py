@@ -3,8 +3,8 @@
 `python docs/experiments/quality.py scores` evaluates each under the protocol `clean`, and each of seven tasks from its
 usual start, in some minutes. `python docs/experiments/quality.py objects` counts which objects the expert disturbs.
 `python docs/experiments/quality.py speed` measures the speed of environments with `quality=True` as a share of that
-without, side by side. Results are in results/quality_scores.json, quality_objects.json and quality_speed.json; what has
-a row already is not measured again.
+without, side by side, and that of MuJoCo's physics alone, with and without the sensors. Results are in
+results/quality_scores.json, quality_objects.json and quality_speed.json; what has a row already is not measured again.
 """
 
 import collections
@@ -12,10 +12,13 @@ import functools
 import statistics
 import time
 from collections.abc import Callable
+from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 from experiment import RESULTS, Row, measure_missing, play, run_named
+from kitchen_policy import KINDS
 
 import kitchen_suite
 from kitchen_suite import suite
@@ -30,7 +33,7 @@ TASKS = ("microwave", "kettle", "slide_cabinet", "hinge_cabinet", "light_switch"
 
 # Policies by domain and task, whose episodes have varied starts.
 VARIED = (
-    *(("kitchen", "random_4", policy) for policy in ("expert", "trained", "random")),
+    *(("kitchen", "random_4", policy) for policy in ("expert", "trained", "pixels", "random")),
     ("kitchen", "all", "expert"),
     *(("open_cabinet", "top_drawer", policy) for policy in ("expert", "trained")),
     ("microwave_table", "open", "expert"),
@@ -56,7 +59,10 @@ ROUND_SECONDS = 0.3
 
 
 def score_cases() -> list[Row]:
-    """Returns the evaluations: `shipped` is the package's policy for one task alone, trained from its usual start."""
+    """Returns the evaluations.
+
+    `shipped` is the package's policy for one task alone, trained from its usual start, `pixels` that from images.
+    """
     varied = [{"domain": domain, "task": task, "policy": policy, "starts": "varied"} for domain, task, policy in VARIED]
     usual = [
         {"domain": "kitchen", "task": task, "policy": policy, "starts": "usual"}
@@ -69,12 +75,16 @@ def score_cases() -> list[Row]:
 def score(case: Row) -> Row:
     """Returns the scores of an evaluation, and their intervals."""
     is_varied = case["starts"] == "varied"
+    task_kwargs: dict[str, Any] = {} if is_varied else {"variations": None}
+    if case["policy"] == "pixels":
+        task_kwargs |= KINDS["pixels"]
+    files = {"shipped": SHIPPED / f"{case['task']}.npz", "pixels": SHIPPED / "pixels.npz"}
     evaluation = kitchen_suite.evaluate(
-        SHIPPED / f"{case['task']}.npz" if case["policy"] == "shipped" else case["policy"],
+        files.get(case["policy"], case["policy"]),
         protocol="clean",
         domain_name=case["domain"],
         task_name=case["task"],
-        task_kwargs={} if is_varied else {"variations": None},
+        task_kwargs=task_kwargs,
         num_episodes=EPISODES if is_varied else TASK_EPISODES,
     )
     scores = evaluation.scores
@@ -121,12 +131,38 @@ def speed_cases() -> list[Row]:
 
 
 def measure_speed(case: Row) -> Row:
-    """Returns the median over rounds of the speed with quality as a share of the speed without, in processor time."""
-    without, with_quality = (_stepper(case, quality=quality) for quality in (False, True))
-    steps = max(1, round(ROUND_SECONDS / without(5) * 5))
-    with_quality(5)
-    ratios = [without(steps) / with_quality(steps) for _ in range(ROUNDS)]
-    return {"ratio": round(statistics.median(ratios), 3), "rounds": ROUNDS}
+    """Returns the speed with quality as a share of the speed without; for one, also of MuJoCo's physics steps alone."""
+    found = {"ratio": _ratio(*(_stepper(case, quality=quality) for quality in (False, True))), "rounds": ROUNDS}
+    if case["environments"] == 1:
+        found["physics_ratio"] = _ratio(*(_physics_stepper(case, quality=quality) for quality in (False, True)))
+    return found
+
+
+def _ratio(first: Callable[[int], float], second: Callable[[int], float]) -> float:
+    """Returns the median over rounds of how long the first takes for the steps of the second, in processor time."""
+    steps = max(1, round(ROUND_SECONDS / first(5) * 5))
+    second(5)
+    return round(statistics.median(first(steps) / second(steps) for _ in range(ROUNDS)), 3)
+
+
+def _physics_stepper(case: Row, *, quality: bool) -> Callable[[int], float]:
+    """Returns a function that makes control steps of the physics alone, and returns the processor time [s]."""
+    options = {"physics": case["physics"], "quality": quality, "visuals": False}
+    environment = suite.load(case["domain"], next(iter(suite.DOMAINS[case["domain"]].tasks)), options)
+    environment.reset()
+    model, data = environment.physics.model.ptr, environment.physics.data.ptr
+    positions, physics_steps = data.qpos.copy(), environment.task.physics_steps_per_control_step
+
+    def run(steps: int) -> float:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = positions
+        # Actuators hold the positions of the robot's joints, which come first.
+        data.ctrl[:] = positions[: model.nu]
+        started = time.process_time()
+        mujoco.mj_step(model, data, nstep=steps * physics_steps)
+        return time.process_time() - started
+
+    return run
 
 
 def _stepper(case: Row, *, quality: bool) -> Callable[[int], float]:
