@@ -4,7 +4,7 @@ pip install cosmic-ray
 python tests/tools/mutants.py              tests all mutants (hours); goes on where it was stopped
 python tests/tools/mutants.py --only=WORD  those of modules whose name contains the word
 python tests/tools/mutants.py --sample=200 tests 200 mutants of each module, drawn at random; all where there are fewer
-python tests/tools/mutants.py --again      tests the survivors once more, after tests have been added
+python tests/tools/mutants.py --again      tests the survivors that are not listed once more
 python tests/tools/mutants.py --report     prints the scores so far, and the mutants that survived
 
 A mutant is a copy of a module with one operator, number or keyword changed by cosmic-ray. It survives if the tests
@@ -310,14 +310,22 @@ def run(modules: list[str], *, sample: int | None, again: bool, processes: int) 
 
 
 def to_test(module: str, found: Results, *, sample: int | None, again: bool) -> list[Mutant]:
-    """Returns the mutants of a module that are missing in its sample, or that survived; stores their number."""
+    """Returns the mutants of a module that are missing in its sample, or its survivors; stores their number."""
     made = mutants(module, found.source)
     found.total = len(made)
     if again:
-        return [each for each in made if each.name in found.survived]
+        equivalent = equivalents(module)
+        survivors = {name for name, lines in found.survived.items() if tuple(lines) not in equivalent}
+        return [each for each in made if each.name in survivors]
     tested = {*found.killed, *found.survived}
     missing = [each for each in made if each.name not in tested]
     return missing if sample is None else missing[: max(sample - found.tested, 0)]
+
+
+def equivalents(module: str) -> set[tuple[str, str]]:
+    """Returns the lines, before and after, of mutants of a module that no test should tell from the original."""
+    known: dict[str, list[dict[str, str]]] = json.loads(EQUIVALENT.read_text(encoding="utf-8"))
+    return {(each["before"], each["after"]) for each in known.get(module, [])}
 
 
 def stripped(text: str) -> str:
@@ -327,11 +335,10 @@ def stripped(text: str) -> str:
 
 def report(modules: list[str], sample: int | None) -> bool:
     """Prints the score of each module and its survivors; returns whether all have been tested and score enough."""
-    known: dict[str, list[dict[str, Any]]] = json.loads(EQUIVALENT.read_text(encoding="utf-8"))
     rows, enough = [], True
     for module in modules:
         found = Results(module)
-        equivalent = {(each["before"], each["after"]) for each in known.get(module, [])}
+        equivalent = equivalents(module)
         for before in sorted({before for before, _ in equivalent if before not in stripped(found.source)}):
             print(f"{EQUIVALENT.name} has a line that {module} does not: {before}")
         survivors = [lines for lines in found.survived.values() if tuple(lines) not in equivalent]
