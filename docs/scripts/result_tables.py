@@ -187,10 +187,10 @@ def sequence_table() -> str:
     return markdown(("trained on", "tasks asked", "episodes", *_RATES, "mean tasks"), rows)
 
 
-def learning_curve_table() -> str:
-    """Returns the table of Stable-Baselines3's seeds: when half of the episodes succeed, and how many at the end."""
+def learning_curve_table(recipe: str) -> str:
+    """Returns the table of a recipe's seeds: when half of the episodes succeed, and how many at the end."""
     rows = []
-    for row in read_results("learning_curves"):
+    for row in (each for each in read_results("learning_curves") if each["recipe"] == recipe):
         first = next((i for i, success in enumerate(row["success"]) if success >= 0.5), None)
         half = ("never", "") if first is None else (f"{row['control_steps'][first]:,}", f"{row['minutes'][first]:.1f}")
         end = (f"{row['control_steps'][-1]:,}", f"{row['minutes'][-1]:.1f}", f"{row['success'][-1]:.0%}")
@@ -978,11 +978,15 @@ def quality_object_table() -> str:
 
 def quality_speed_table() -> str:
     """Returns the table of the speed of environments that measure quality."""
+
+    def alone(row: Mapping[str, Any]) -> str:
+        return f"{row['physics_ratio']:.2f}" if "physics_ratio" in row else ""
+
     rows = [
-        (row["domain"], row["physics"], row["environments"], f"{row['ratio']:.2f}")
+        (row["domain"], row["physics"], row["environments"], f"{row['ratio']:.2f}", alone(row))
         for row in read_results("quality_speed")
     ]
-    return markdown(("domain", "physics", "environments", "speed with quality"), rows)
+    return markdown(("domain", "physics", "environments", "speed with quality", "of the physics steps alone"), rows)
 
 
 RESULT_TABLES: dict[str, Callable[[], str]] = {
@@ -994,7 +998,8 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "training_network": network_table,
     "training_sequences": sequence_table,
     "training_speed": training_speed_table,
-    "learning_curves": learning_curve_table,
+    "learning_curves_drawer": functools.partial(learning_curve_table, "drawer"),
+    "learning_curves_kettle": functools.partial(learning_curve_table, "kettle"),
     "training_drawer": drawer_table,
     "variations_experts": varied_expert_table,
     "variations_layouts": layout_table,
