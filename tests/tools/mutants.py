@@ -358,7 +358,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", help="word in the names of the modules to test")
     parser.add_argument("--sample", type=int, help="number of mutants of each module; all when omitted")
-    parser.add_argument("--again", action="store_true", help="test the survivors once more")
+    parser.add_argument("--again", action="store_true", help="test the survivors that are not listed once more")
     parser.add_argument("--report", action="store_true", help="print what was found, and test nothing")
     parser.add_argument("--processes", type=int, default=2, help="number of tests at the same time")
     arguments = parser.parse_args()
