@@ -31,7 +31,12 @@ def holds_goals(space):
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("domain", "obs_type"),
-    brief(CASES, [case for case in CASES if case[0] == "kitchen" or "pixels" not in case[1]]),
+    [
+        pytest.param(
+            *case.values, marks=(*case.marks, *([pytest.mark.rendering] if "pixels" in case.values[1] else []))
+        )
+        for case in brief(CASES, [case for case in CASES if case[0] == "kitchen" or "pixels" not in case[1]])
+    ],
 )
 def test_single_and_vectorised_environments_are_goal_environments_where_goals_are_observed(domain, obs_type):
     record = DOMAINS[domain]
