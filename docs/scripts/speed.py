@@ -6,15 +6,14 @@ python docs/scripts/speed.py stable_baselines3   control steps per second of its
 python docs/scripts/speed.py web                 size of a web page of 280 control steps, and the time to make it
 """
 
-import concurrent.futures
-import copy
 import os
 import statistics
 import tempfile
 import time
+import unittest.mock
 from pathlib import Path
 
-import mujoco
+import mujoco.batch
 import numpy as np
 from experiment import run_named
 from tabulate import tabulate
@@ -66,8 +65,8 @@ def measure_policies() -> None:
 def measure_evaluation() -> None:
     """Prints the time of 50 episodes of the protocol `default`, of a network that learned them and an untrained one.
 
-    Episodes of the untrained network last as long as the protocol allows. Both act for all 50 environments at once. The
-    last column has the time of as many physics steps of MuJoCo alone, of a kitchen at rest, with as many threads.
+    All 50 are played at once. The untrained network acts for all of them in one call; its episodes last as long as the
+    protocol allows. The last column has the part of the time that MuJoCo's physics steps take.
     """
     rng = np.random.default_rng(0)
     # 59 numbers of the observation and the mask of the seven tasks.
@@ -78,37 +77,34 @@ def measure_evaluation() -> None:
             observations = np.tanh(observations @ weights)
         return observations
 
-    rows = []
-    for name, policy in {"trained": "trained", "untrained": untrained}.items():
-        arguments = {"takes": "batch", "task_kwargs": {"obs_type": "state"}} if callable(policy) else {}
+    in_batches = {"takes": "batch", "task_kwargs": {"obs_type": "state"}}
+    in_fast_physics = {"takes": "batch", "task_kwargs": {"obs_type": "state", "physics": "fast"}}
+    cases = [
+        ("trained", "trained", {}),
+        ("untrained", untrained, in_batches),
+        ("untrained, fast physics", untrained, in_fast_physics),
+    ]
+    rows = [evaluation_row(*case) for case in cases]
+    print(tabulate(rows, ("network", "success", "control steps of an episode", "seconds", "of these physics steps")))
+
+
+def evaluation_row(name, policy, arguments):
+    """Returns a row of the table of `measure_evaluation`."""
+    physics_seconds, step = [], mujoco.batch.Batch.step
+
+    def timed_step(*args):
         started = time.perf_counter()
+        step(*args)
+        physics_seconds.append(time.perf_counter() - started)
+
+    started = time.perf_counter()
+    with unittest.mock.patch.object(mujoco.batch.Batch, "step", timed_step):
         evaluation = kitchen_suite.evaluate(
             policy, num_episodes=EVALUATED, num_envs=EVALUATED, num_threads=os.cpu_count(), **arguments
         )
-        seconds = time.perf_counter() - started
-        success, steps = (evaluation.scores[name] for name in ("success", "control_steps"))
-        alone = physics_seconds(round(EVALUATED * steps))
-        rows.append((name, f"{success:.0%}", f"{steps:.0f}", f"{seconds:.1f}", f"{alone:.1f}"))
-    headers = ("network", "success", "control steps of an episode", "seconds", "seconds of the physics alone")
-    print(tabulate(rows, headers))
-
-
-def physics_seconds(control_steps):
-    """Returns how long MuJoCo takes for control steps of a kitchen at rest, with a thread for each processor [s]."""
-    threads = os.cpu_count() or 1
-    with suite.load("kitchen", "random_4", {"visuals": False}) as environment:
-        environment.reset()
-        model, data = environment.physics.model.ptr, environment.physics.data.ptr
-        # Actuators hold the positions of the robot's joints, which come first.
-        data.ctrl[:] = data.qpos[: model.nu]
-        copies = [copy.copy(data) for _ in range(threads)]
-        steps = control_steps * environment.task.physics_steps_per_control_step // threads
-        with concurrent.futures.ThreadPoolExecutor(threads) as pool:
-            started = time.perf_counter()
-            jobs = [pool.submit(mujoco.mj_step, model, each, nstep=steps) for each in copies]
-            for job in jobs:
-                job.result()
-            return time.perf_counter() - started
+    seconds = time.perf_counter() - started
+    success, steps = (evaluation.scores[name] for name in ("success", "control_steps"))
+    return name, f"{success:.0%}", f"{steps:.0f}", f"{seconds:.1f}", f"{sum(physics_seconds):.1f}"
 
 
 def rate(environments, actions):
