@@ -44,7 +44,7 @@ CASES: tuple[Case, ...] = tuple(
 )
 
 # Greatest receipt that is kept in the repository [bytes].
-MAX_RECEIPT = 512 * 2**10
+MAX_RECEIPT = 256 * 2**10
 
 
 def result_file(case: Case) -> Path:

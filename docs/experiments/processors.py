@@ -2,9 +2,10 @@
 
 The results are results/processors.json, and results/processors_receipts.json for receipts.
 
-python docs/experiments/processors.py            20 episodes of random actions and of the expert in every domain
-python docs/experiments/processors.py digests    writes the digests of kitchen-doctor for kinds of processors instead
-python docs/experiments/processors.py receipts   verifies the committed receipts there
+python docs/experiments/processors.py                   20 episodes of random actions and of the expert in every domain
+python docs/experiments/processors.py digests           writes the digests of kitchen-doctor for kinds of processors
+python docs/experiments/processors.py receipts          verifies the committed receipts there
+python docs/experiments/processors.py receipts FOLDER   verifies those of the FOLDER of evaluation.py
 
 The other one has no AVX2, FMA and AVX-512, without which the C library, NumPy and OpenBLAS round otherwise. The actions
 are those of the policies on this processor. x86 alone; needs the extra `experts`.
@@ -129,9 +130,9 @@ def verified(path: Path) -> Row:
     }
 
 
-def verify_receipts() -> None:
-    """Verifies the committed receipts on the other processor."""
-    paths = tqdm(sorted(RECEIPTS.glob("*.npz")), unit="receipt", disable=None)
+def verify_receipts(folder: Path) -> None:
+    """Verifies the receipts of a folder on the other processor."""
+    paths = tqdm(sorted(folder.glob("*.npz")), unit="receipt", disable=None)
     rows = [json.loads(output_of(OTHER, "receipt", path)) for path in paths]
     write_rows(RESULTS / "processors_receipts.json", rows)
 
@@ -162,7 +163,7 @@ def main() -> None:
     parser = make_parser(__doc__)
     measures = ("episodes", "digests", "receipts", "replay", "digest", "receipt")
     parser.add_argument("measure", nargs="?", choices=measures, default="episodes")
-    parser.add_argument("path", nargs="?", type=Path, help="of replay and receipt")
+    parser.add_argument("path", nargs="?", type=Path, help="of receipts, replay and receipt")
     given = parser.parse_args()
     match given.measure:
         case "episodes":
@@ -170,7 +171,7 @@ def main() -> None:
         case "digests":
             write_digests()
         case "receipts":
-            verify_receipts()
+            verify_receipts(given.path or RECEIPTS)
         case "replay":
             replay(given.path)
         case "digest":

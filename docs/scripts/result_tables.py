@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import benchmark_tables
+from dates import read_dates
 from scipy import stats
 from tabulate import tabulate
 
@@ -743,6 +744,13 @@ def verified_table() -> str:
     return markdown(("receipt", "equal episodes", "same result", "first difference", "greatest at the end"), rows)
 
 
+def dates_table() -> str:
+    """Returns the table of when the committed results were made, and with which versions."""
+    packages = ("kitchen-suite", "mujoco", "numpy")
+    rows = [(f"`{name}`", of["date"], *(of["versions"][each] for each in packages)) for name, of in read_dates().items()]
+    return markdown(("result", "date", *packages), rows)
+
+
 def teleoperation_table() -> str:
     """Returns the table of what `docs/experiments/teleoperation.py` has measured in a browser."""
     found = read_results("teleoperation")
@@ -1027,6 +1035,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "mutants": mutant_table,
     "processors": processor_table,
     "processors_receipts": verified_table,
+    "result_dates": dates_table,
     "teleoperation": teleoperation_table,
     "teleoperation_recipe": teleoperation_recipe_table,
     "vla_eval": vla_eval_table,

@@ -1,9 +1,12 @@
 """The experiments measure what is missing, continue where they were interrupted, and leave what has been measured."""
 
+import datetime
 import json
 import re
 import subprocess
+import sys
 
+import mujoco
 import numpy as np
 import pytest
 from docs_blocks import blocks_of
@@ -283,6 +286,41 @@ def test_a_method_of_imitation_is_trained_and_measured_once(tmp_path, monkeypatc
     assert result["minutes"] > 0
     monkeypatch.setattr(module, "record", lambda *arguments: pytest.fail("it ran again"))
     assert module.main([str(tmp_path / "work")]) == 0
+
+
+def test_committed_results_have_the_date_of_their_last_change():
+    dates = load_script("scripts/dates")
+    known = dates.read_dates()
+    changed = [name for name, digest in dates.digests().items() if known.get(name, {}).get("sha256") != digest]
+    assert changed == [], "python docs/scripts/dates.py dates them"
+    assert known.keys() == dates.digests().keys()
+    for name, of in known.items():
+        assert datetime.date.fromisoformat(of["date"]) <= datetime.datetime.now(datetime.UTC).date(), name
+        assert of["versions"].keys() == {*dates.PACKAGES}, name
+
+
+def test_results_that_have_changed_are_dated_today(tmp_path, monkeypatch):
+    dates = load_script("scripts/dates")
+    monkeypatch.setattr(dates, "RESULTS", tmp_path)
+    monkeypatch.setattr(dates, "DATES", tmp_path / "dates.json")
+    monkeypatch.setattr(sys, "argv", ["dates.py"])
+    (tmp_path / "folder").mkdir()
+    kept, changed, within = tmp_path / "kept.json", tmp_path / "changed.json", tmp_path / "folder" / "a.json"
+    for path in (kept, changed, within):
+        path.write_text("[1]", "utf-8")
+    old = {"date": "2026-01-02", "versions": dict.fromkeys(dates.PACKAGES, "0.1")}
+    before = {name: {**old, "sha256": digest} for name, digest in dates.digests().items()}
+    dates.DATES.write_text(json.dumps({**before, "removed.json": before["kept.json"]}), "utf-8")
+    changed.write_text("[2]", "utf-8")
+    within.rename(within.with_name("b.json"))
+    dates.main()
+    after = dates.read_dates()
+    assert after.keys() == {"kept.json", "changed.json", "folder"}
+    assert after["kept.json"] == before["kept.json"]
+    for name in ("changed.json", "folder"):
+        assert after[name]["date"] == datetime.datetime.now(datetime.UTC).date().isoformat()
+        assert after[name]["versions"]["mujoco"] == mujoco.__version__
+        assert after[name]["sha256"] == dates.digests()[name] != before[name]["sha256"]
 
 
 @pytest.fixture

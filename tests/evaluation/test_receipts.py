@@ -419,7 +419,7 @@ def test_names_of_a_receipt_may_be_any(short, tmp_path):
 COMMITTED = sorted(Path(__file__).parents[2].glob("docs/experiments/results/receipts/*.npz"))
 
 # Small ones, which the full run replays.
-QUICK = ("expert_metra", "random_gas", "trained_gas")
+QUICK = ("expert_metra", "random_metra", "trained_gas")
 
 
 @pytest.mark.full
