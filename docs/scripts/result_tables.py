@@ -747,7 +747,9 @@ def verified_table() -> str:
 def dates_table() -> str:
     """Returns the table of when the committed results were made, and with which versions."""
     packages = ("kitchen-suite", "mujoco", "numpy")
-    rows = [(f"`{name}`", of["date"], *(of["versions"][each] for each in packages)) for name, of in read_dates().items()]
+    rows = []
+    for name, made in read_dates().items():
+        rows.append((f"`{name}`", made["date"], *(made["versions"][each] for each in packages)))
     return markdown(("result", "date", *packages), rows)
 
 
