@@ -98,7 +98,8 @@ def build_kettle(seed: int) -> "BaseAlgorithm":
         learning_starts=KETTLE_ENVS * (KETTLE_STEPS + 1),
         train_freq=1,
         gradient_steps=16,
-        learning_rate=7e-4,
+        # It falls to nothing, so that what has been learned stays.
+        learning_rate=lambda remaining: 7e-4 * remaining,
         gamma=0.95,
         tau=0.02,
         ent_coef=0.05,
