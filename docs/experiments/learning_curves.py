@@ -98,7 +98,7 @@ def build_kettle(seed: int) -> "BaseAlgorithm":
         learning_starts=KETTLE_ENVS * (KETTLE_STEPS + 1),
         train_freq=1,
         gradient_steps=16,
-        # It falls to nothing, so that what has been learned stays.
+        # It falls linearly to 0.
         learning_rate=lambda remaining: 7e-4 * remaining,
         gamma=0.95,
         tau=0.02,

@@ -132,7 +132,10 @@ def verified(path: Path) -> Row:
 
 def verify_receipts(folder: Path) -> None:
     """Verifies the receipts of a folder on the other processor."""
-    paths = tqdm(sorted(folder.glob("*.npz")), unit="receipt", disable=None)
+    found = sorted(folder.glob("*.npz"))
+    if not found:
+        raise FileNotFoundError(f"there are no receipts in {folder}")
+    paths = tqdm(found, unit="receipt", disable=None)
     rows = [json.loads(output_of(OTHER, "receipt", path)) for path in paths]
     write_rows(RESULTS / "processors_receipts.json", rows)
 

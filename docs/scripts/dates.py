@@ -2,17 +2,20 @@
 
 python docs/scripts/dates.py   dates the results that have changed since: today, with the versions that are installed
 
-`docs/experiments/results/dates.json` has the date, the versions and a digest of each file or folder of results.
+`docs/experiments/results/dates.json` has the date, the versions and a digest of each file of results. Where a file has
+versions of its own, as evaluations and receipts have, these are taken.
 """
 
 import datetime
 import hashlib
 import json
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from experiment import RESULTS, make_parser
 
+from kitchen_suite.evaluation.receipts import Receipt
 from kitchen_suite.versions import installed_versions
 
 DATES = RESULTS / "dates.json"
@@ -21,23 +24,34 @@ DATES = RESULTS / "dates.json"
 PACKAGES = ("kitchen-suite", "dm-control", "mujoco", "numpy")
 
 
-def digest(path: Path) -> str:
-    """Returns the SHA-256 of a file, or of the names and contents of the files of a folder."""
-    if path.is_file():
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    found = hashlib.sha256()
-    for file in sorted(each for each in path.rglob("*") if each.is_file()):
-        found.update(f"{file.relative_to(path).as_posix()} {digest(file)}\n".encode())
-    return found.hexdigest()
+def results() -> Iterator[Path]:
+    """Yields the files of results."""
+    for path in sorted(RESULTS.rglob("*")):
+        if path.suffix in {".json", ".npz"} and path != DATES:
+            yield path
+
+
+def name_of(path: Path) -> str:
+    """Returns the name of a file of results: its path in the folder of results."""
+    return path.relative_to(RESULTS).as_posix()
 
 
 def digests() -> dict[str, str]:
-    """Returns the digests of all results, by the names of their files and folders."""
-    return {path.name: digest(path) for path in sorted(RESULTS.iterdir()) if path != DATES}
+    """Returns the SHA-256 of each file of results, by its name."""
+    return {name_of(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in results()}
+
+
+def recorded_versions(path: Path) -> Mapping[str, str] | None:
+    """Returns the versions that a file says it was made with; None if it has none."""
+    if path.suffix == ".npz":
+        found: Mapping[str, str] = Receipt.read(path).evaluation["versions"]
+        return found
+    content = json.loads(path.read_text(encoding="utf-8"))
+    return content.get("versions") if isinstance(content, dict) else None
 
 
 def read_dates() -> dict[str, dict[str, Any]]:
-    """Returns the date, versions and digest of each result."""
+    """Returns the date, versions and digest of each file of results, by its name."""
     dates: dict[str, dict[str, Any]] = json.loads(DATES.read_text(encoding="utf-8"))
     return dates
 
@@ -45,16 +59,19 @@ def read_dates() -> dict[str, dict[str, Any]]:
 def main() -> None:
     """Runs the command."""
     make_parser(__doc__).parse_args()
-    versions = installed_versions()
-    now = {
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-        "versions": {name: versions[name] for name in PACKAGES},
-    }
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
+    installed = installed_versions()
+    found = digests()
     known = read_dates()
     dates = {}
-    for name, found in digests().items():
-        unchanged = name in known and known[name]["sha256"] == found
-        dates[name] = known[name] if unchanged else {**now, "sha256": found}
+    for path in results():
+        name = name_of(path)
+        if name in known and known[name]["sha256"] == found[name]:
+            dates[name] = known[name]
+        else:
+            versions = {**installed, **(recorded_versions(path) or {})}
+            kept = {package: versions[package] for package in PACKAGES}
+            dates[name] = {"date": today, "versions": kept, "sha256": found[name]}
     DATES.write_text(json.dumps(dates, indent=1) + "\n", encoding="utf-8")
 
 

@@ -745,12 +745,15 @@ def verified_table() -> str:
 
 
 def dates_table() -> str:
-    """Returns the table of when the committed results were made, and with which versions."""
+    """Returns the table of when the committed results were made, a row for each file or folder."""
     packages = ("kitchen-suite", "mujoco", "numpy")
     rows = []
-    for name, made in read_dates().items():
-        rows.append((f"`{name}`", made["date"], *(made["versions"][each] for each in packages)))
-    return markdown(("result", "date", *packages), rows)
+    for name, group in itertools.groupby(read_dates().items(), lambda item: item[0].partition("/")[0]):
+        made = [each for _, each in group]
+        dates = sorted({each["date"] for each in made})
+        versions = [", ".join(sorted({each["versions"][package] for each in made})) for package in packages]
+        rows.append((f"`{name}`", " to ".join(dict.fromkeys([dates[0], dates[-1]])), *versions))
+    return markdown(("result", "last changed", *packages), rows)
 
 
 def teleoperation_table() -> str:

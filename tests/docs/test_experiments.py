@@ -288,15 +288,19 @@ def test_a_method_of_imitation_is_trained_and_measured_once(tmp_path, monkeypatc
     assert module.main([str(tmp_path / "work")]) == 0
 
 
-def test_committed_results_have_the_date_of_their_last_change():
+def test_committed_results_have_a_date_and_the_versions_that_they_record():
     dates = load_script("scripts/dates")
     known = dates.read_dates()
-    changed = [name for name, digest in dates.digests().items() if known.get(name, {}).get("sha256") != digest]
+    found = dates.digests()
+    changed = [name for name, digest in found.items() if known.get(name, {}).get("sha256") != digest]
     assert changed == [], "python docs/scripts/dates.py dates them"
-    assert known.keys() == dates.digests().keys()
-    for name, of in known.items():
-        assert datetime.date.fromisoformat(of["date"]) <= datetime.datetime.now(datetime.UTC).date(), name
-        assert of["versions"].keys() == {*dates.PACKAGES}, name
+    assert known.keys() == found.keys()
+    for path in dates.results():
+        made = known[dates.name_of(path)]
+        assert datetime.date.fromisoformat(made["date"]) <= datetime.datetime.now(datetime.UTC).date(), path
+        assert made["versions"].keys() == {*dates.PACKAGES}, path
+        recorded = dates.recorded_versions(path) or {}
+        assert {**made["versions"], **recorded}.items() >= made["versions"].items(), path
 
 
 def test_results_that_have_changed_are_dated_today(tmp_path, monkeypatch):
@@ -304,23 +308,28 @@ def test_results_that_have_changed_are_dated_today(tmp_path, monkeypatch):
     monkeypatch.setattr(dates, "RESULTS", tmp_path)
     monkeypatch.setattr(dates, "DATES", tmp_path / "dates.json")
     monkeypatch.setattr(sys, "argv", ["dates.py"])
-    (tmp_path / "folder").mkdir()
-    kept, changed, within = tmp_path / "kept.json", tmp_path / "changed.json", tmp_path / "folder" / "a.json"
-    for path in (kept, changed, within):
+    files = [tmp_path / name for name in ("kept.json", "changed.json", "deep/kept.json", "deep/changed.json")]
+    for path in files:
+        path.parent.mkdir(exist_ok=True)
         path.write_text("[1]", "utf-8")
+    # What is there while something is measured is no result.
+    (tmp_path / "rows.part").write_text("[", "utf-8")
     old = {"date": "2026-01-02", "versions": dict.fromkeys(dates.PACKAGES, "0.1")}
     before = {name: {**old, "sha256": digest} for name, digest in dates.digests().items()}
     dates.DATES.write_text(json.dumps({**before, "removed.json": before["kept.json"]}), "utf-8")
-    changed.write_text("[2]", "utf-8")
-    within.rename(within.with_name("b.json"))
+    files[1].write_text("[2]", "utf-8")
+    files[3].write_text(json.dumps({"versions": {"mujoco": "1.2.3"}}), "utf-8")
+    earliest = datetime.datetime.now(datetime.UTC).date().isoformat()
     dates.main()
     after = dates.read_dates()
-    assert after.keys() == {"kept.json", "changed.json", "folder"}
-    assert after["kept.json"] == before["kept.json"]
-    for name in ("changed.json", "folder"):
-        assert after[name]["date"] == datetime.datetime.now(datetime.UTC).date().isoformat()
-        assert after[name]["versions"]["mujoco"] == mujoco.__version__
-        assert after[name]["sha256"] == dates.digests()[name] != before[name]["sha256"]
+    assert after.keys() == {"kept.json", "changed.json", "deep/kept.json", "deep/changed.json"}
+    for name, mujoco_version in {"changed.json": mujoco.__version__, "deep/changed.json": "1.2.3"}.items():
+        made = after.pop(name)
+        assert earliest <= made["date"] <= datetime.datetime.now(datetime.UTC).date().isoformat()
+        assert made["versions"]["mujoco"] == mujoco_version
+        assert made["versions"]["numpy"] == np.__version__
+        assert made["sha256"] == dates.digests()[name]
+    assert after == {name: before[name] for name in ("kept.json", "deep/kept.json")}
 
 
 @pytest.fixture
@@ -344,6 +353,13 @@ def test_committed_results_are_of_whole_protocols():
         task = "all" if "all" in path.stem.split("_") else "random_4"
         names = [condition.name or condition.task_name or task for condition in protocol.conditions]
         assert list(result["conditions"]) == names, path
+
+
+def test_committed_receipts_are_small_ones():
+    script = load_script("experiments/evaluation")
+    sizes = {path.name: path.stat().st_size for path in script.RECEIPTS.iterdir()}
+    assert sizes
+    assert {name: size for name, size in sizes.items() if size > script.MAX_RECEIPT} == {}
 
 
 def run(script, monkeypatch, *arguments, fails=()):
@@ -370,7 +386,17 @@ def test_the_script_makes_what_is_missing_and_continues(evaluations, tmp_path, m
     evaluations.result_file(("random", "default")).unlink()
     assert run(evaluations, monkeypatch, folder, *names) == [("random", "default", True), ("random", "d4rl", False)]
     assert run(evaluations, monkeypatch, folder, *names) == []
-    assert sorted(path.name for path in evaluations.SCORES.iterdir()) == ["random_d4rl.json", "random_default.json"]
+    assert sorted(path.name for path in evaluations.RECEIPTS.iterdir()) == ["random_d4rl.npz", "random_default.npz"]
+    # A greater receipt stays in the folder of the runs.
+    monkeypatch.setattr(evaluations, "MAX_RECEIPT", 100)
+    assert run(evaluations, monkeypatch, folder, "random:gas") == [("random", "gas", False)]
+    assert evaluations.receipt_file(("random", "gas"), tmp_path / "runs").exists()
+    assert not evaluations.receipt_file(("random", "gas"), evaluations.RECEIPTS).exists()
+    assert sorted(path.name for path in evaluations.SCORES.iterdir()) == [
+        "random_d4rl.json",
+        "random_default.json",
+        "random_gas.json",
+    ]
 
 
 @pytest.mark.full

@@ -60,7 +60,7 @@ def test_the_next_in_turn_is_the_first_that_is_not_completed_and_the_last_one_in
         found = orders.next_in_turn(order, completed)
     np.testing.assert_array_equal(found.argmax(axis=-1), [2, 0, 0, 1])
     np.testing.assert_array_equal(found.sum(axis=-1), 1)
-    # Of a single row as well, whose number is less than that of the tasks.
+    # With fewer rows than tasks as well.
     found = orders.next_in_turn(np.array([[0, 1, 2]]), np.array([[True, True, False]]))
     np.testing.assert_array_equal(found, [[False, False, True]])
 
