@@ -144,7 +144,8 @@ def test_it_does_nearly_all_that_is_asked(task, variations, physics):
     [
         ("complete", {"variations": ["layout"], "variation_split": "held_out"}, 0.5),
         ("random_4", {"variations": ["start"], "variation_split": "held_out"}, 0.8),
-        ("random_4", {"variations": ["push"]}, 0.9),
+        # 0.91 in the results; four fifths of what it does undisturbed are asked, whatever a processor's rounding.
+        ("random_4", {"variations": ["push"]}, 0.8),
     ],
 )
 def test_it_goes_on_where_it_has_not_been(task, arguments, least):
