@@ -77,6 +77,9 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
     # Class of the single environment.
     env_class: ClassVar[type[SuiteEnv]] = SuiteEnv
 
+    # There is nothing to close before it is built: Gymnasium 1.2 closes what is deleted, also what could not be built.
+    closed = True
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -115,6 +118,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         self._templates = self._make_templates(max_episode_steps=limit, **settings)
         with closed_on_error(dict.fromkeys(self._templates)):
             self._build(threads, seed_stride)
+        self.closed = False
 
     def _build(self, threads: int, seed_stride: int) -> None:
         """Builds the environments of the single ones; for the arguments see `BatchEpisodes`."""

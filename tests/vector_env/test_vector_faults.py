@@ -286,6 +286,20 @@ def test_it_may_be_closed_twice_and_before_its_first_reset(vector):
         assert env.closed
 
 
+@pytest.mark.parametrize("arguments", [{"num_envs": 0}, {"tasks_to_complete": ["ketle"]}, {}])
+def test_what_could_not_be_built_has_nothing_to_close(arguments, monkeypatch):
+    def fail(*args, **kwargs):
+        raise ValueError("no batch")
+
+    # The last of what is built.
+    monkeypatch.setattr("kitchen_suite.vector_env.base.BatchPictures", fail)
+    env = FrankaKitchenVectorEnv.__new__(FrankaKitchenVectorEnv)
+    with pytest.raises(ValueError):  # noqa: PT011
+        env.__init__(**arguments)
+    assert env.closed
+    env.close()
+
+
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_forked_process_is_told_so_and_does_not_hang():
     env = started(FrankaKitchenVectorEnv)
