@@ -379,7 +379,7 @@ _PURPOSES = {
     "left": "from the left",
     "right": "from the right",
     "franka/hand": "finger tips and what is between them",
-    "franka/wrist": "view along the fingers of earlier versions, which shows the hand; kept for compatibility",
+    "franka/wrist": "view along the fingers, which shows the hand",
     "left_cap": "number 0 of FrankaKitchen-v1, which shows the counter; kept for compatibility",
     "right_cap": "number 1 of FrankaKitchen-v1, which shows the counter; kept for compatibility",
 }
