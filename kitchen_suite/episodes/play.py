@@ -404,7 +404,10 @@ class _BatchPolicy:
             frame = traceback.extract_tb(error.__traceback__)[-1]
             problem = f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})"
             raise PolicyError(f"policy {self._text} raised {problem}") from error
-        actions = np.asarray(given)
+        try:
+            actions = np.asarray(given)
+        except Exception as error:  # Of `__array__` as well, such as that of a tensor that requires a gradient.
+            raise PolicyError(f"policy {self._text} returned bad actions: {error}") from error
         if actions.shape != self._space.shape or actions.dtype.kind not in "fiu":
             found = f"{actions.dtype} of shape {actions.shape}"
             raise PolicyError(f"policy {self._text} returned {found}, not numbers of shape {self._space.shape}")

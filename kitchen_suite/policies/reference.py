@@ -287,7 +287,7 @@ class _CheckedPolicy:
             raise PolicyError(f"policy {checks.shown(self._name)} raised {problem}") from error
         try:
             return self._environment.task.checked_action(action)
-        except (TypeError, ValueError) as error:
+        except Exception as error:  # Of `__array__` as well, such as that of a tensor that requires a gradient.
             raise PolicyError(f"policy {checks.shown(self._name)} returned a bad action: {error}") from error
 
     @property
