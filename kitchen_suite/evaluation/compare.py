@@ -183,14 +183,17 @@ def all_as_json(comparisons: Sequence[PairedComparison]) -> dict[str, Any]:
 
 
 def _named(played: Sequence[PlayedEpisodes], sources: Sequence[Source]) -> list[PlayedEpisodes]:
-    """Returns the policies with the paths for names where several have the same name."""
+    """Returns the policies with the paths for names, or with their places, where several have the same name."""
     names = [each.name for each in played]
-    return [
-        dataclasses.replace(each, name=str(source))
-        if names.count(each.name) > 1 and isinstance(source, str | Path)
-        else each
-        for each, source in zip(played, sources, strict=True)
-    ]
+    renamed = []
+    for place, (each, source) in enumerate(zip(played, sources, strict=True), start=1):
+        if names.count(each.name) == 1:
+            renamed.append(each)
+        elif isinstance(source, str | Path):
+            renamed.append(dataclasses.replace(each, name=str(source)))
+        else:
+            renamed.append(dataclasses.replace(each, name=f"{each.name} ({place})"))
+    return renamed
 
 
 def _paired(first: PlayedEpisodes, second: PlayedEpisodes, condition: str) -> list[Pair]:

@@ -117,7 +117,7 @@ REFUSALS = {
     "variations": ({"task_kwargs": (("variation_split", "held_out"),)}, ("variation_split 'seen', and 'held_out'",)),
     "length": ({"max_episode_steps": 99}, ("max_episode_steps 280, and 99",)),
     "seeds": ({"seed": 7}, ("seeds [400000000", "seeds [7, 8")),
-    "number": ({"num_episodes": 5}, ("seeds [400000005] in zero alone",)),
+    "number": ({"num_episodes": 5}, ("seeds [400000005] in zero (1) alone",)),
     "domain": ({"domain_name": "open_cabinet"}, ("domain_name 'kitchen', and 'open_cabinet'",)),
     "conditions": ({"protocol": "d4rl"}, ("protocol default, and d4rl", "conditions ['random_4']", "'partial'")),
 }
@@ -333,6 +333,17 @@ def test_a_file_that_is_compared_is_never_written_to(run, receipts):
     status, _, err = run(compare_command, *names, f"--json={names[0]}")
     assert (status, "different files" in err) == (2, True)
     assert kitchen_suite.compare(*names).ties == 3
+
+
+@pytest.mark.full
+def test_policies_of_one_name_without_paths_are_told_apart_by_their_places():
+    def act(observations):
+        return np.zeros((len(observations["observation"]), 9))
+
+    arguments = {"takes": "batch", "task_name": "kettle", "num_episodes": 2, "max_episode_steps": 3}
+    name = f"object {__name__}.test_policies_of_one_name_without_paths_are_told_apart_by_their_places.<locals>.act"
+    comparison = kitchen_suite.compare(*(kitchen_suite.evaluate(act, **arguments) for _ in range(2)))
+    assert (comparison.first.name, comparison.second.name) == (f"{name} (1)", f"{name} (2)")
 
 
 def test_policies_of_one_name_are_told_apart_by_their_paths(receipts, folder):
