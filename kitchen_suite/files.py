@@ -289,18 +289,47 @@ def write_json(path: Path, value: Any, indent: int = 2) -> None:
     path.write_text(json.dumps(value, indent=indent) + "\n", encoding="utf-8")
 
 
+def json_value(value: Any, name: str) -> Any:
+    """Returns a value as JSON represents it, with Python's numbers and lists in place of NumPy's.
+
+    Raises a TypeError if JSON cannot hold it.
+    """
+    try:
+        return json.loads(json.dumps(value, default=_plain))
+    except (RecursionError, TypeError, ValueError) as error:
+        raise TypeError(f"{name} must consist of what JSON can hold, got {checks.shown(value)}") from error
+
+
+def _plain(part: Any) -> Any:
+    if not isinstance(part, np.generic | np.ndarray):
+        raise TypeError
+    return part.tolist()
+
+
 def parse_json(text: str | bytes, max_size: int = _MAX_JSON_BYTES) -> Any:
-    """Decodes JSON, in bytes of UTF-8; a ValueError if it is none, above `max_size` or deeper than 64 levels."""
+    """Decodes JSON, in bytes of UTF-8.
+
+    Raises a ValueError if it is none, above `max_size`, deeper than 64 levels, or has a key twice in an object.
+    """
     if len(text) > max_size:
         raise ValueError(f"larger than {max_size / 2**20:.0f} MiB")
     deep = f"nested deeper than {_MAX_JSON_DEPTH} levels"
     try:
-        value = json.loads(text if isinstance(text, str) else text.decode("utf-8"))
+        value = json.loads(text if isinstance(text, str) else text.decode("utf-8"), object_pairs_hook=_without_repeats)
     except RecursionError as error:
         raise ValueError(deep) from error
     if _is_deeper(value, _MAX_JSON_DEPTH):
         raise ValueError(deep)
     return value
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Returns the object of JSON with these pairs; a ValueError if a key is there twice, of which one would be lost."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"the key {checks.shown(next(key for key in keys if keys.count(key) > 1))} is there twice")
+    return found
 
 
 def _is_deeper(value: Any, levels: int) -> bool:

@@ -143,6 +143,28 @@ def test_json_of_any_depth_and_size_is_refused_with_a_value_error(text):
         files.parse_json(text)
 
 
+@pytest.mark.parametrize("text", ['{"a": 1, "b": 2, "a": 3}', '[{"c": {"a": 1, "a": 1}}]'])
+def test_a_key_that_is_there_twice_is_refused(text):
+    with pytest.raises(ValueError, match="the key 'a' is there twice"):
+        files.parse_json(text)
+
+
+def test_numbers_and_arrays_of_numpy_become_those_of_python():
+    value = {"a": np.float32(0.5), "b": [np.int64(3), np.bool_(True)], "c": (np.arange(2), None)}
+    plain = files.json_value(value, "x")
+    assert json.dumps(plain) == '{"a": 0.5, "b": [3, true], "c": [[0, 1], null]}'
+
+
+CYCLE = []
+CYCLE.append(CYCLE)
+
+
+@pytest.mark.parametrize("value", [object(), [{1, 2}], {(1, 2): 3}, b"x", CYCLE, 1j, np.array([object()])])
+def test_what_json_cannot_hold_is_refused_by_its_name(value):
+    with pytest.raises(TypeError, match=r"^gain must consist of what JSON can hold, got [^\n]{1,200}$"):
+        files.json_value(value, "gain")
+
+
 def test_json_of_64_levels_is_read():
     text = "[" * 64 + "]" * 64
     assert json.dumps(files.parse_json(text)) == json.dumps(files.parse_json(text.encode())) == text

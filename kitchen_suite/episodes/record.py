@@ -72,7 +72,7 @@ def claim(folder: str | Path, spec: EnvironmentSpec, policy: PolicyRef, *, num_e
     Raises an OSError, a PolicyError or a ValueError as `record`, before anything is written.
     """
     checks.integer(num_episodes, "num_episodes", minimum=1)
-    episodes = spec.episodes(policy, seed=checks.integer(seed, "seed", minimum=0))
+    episodes = spec.episodes(policy, seed=seed)
     with contextlib.closing(episodes.make_environment()) as environment:
         check_file_size(environment.observation_space, episodes.max_episode_steps)
         episodes.check_policy(policy, environment)

@@ -47,12 +47,21 @@ class EnvironmentSpec:
 
     @staticmethod
     def make(
-        domain_name: str, task_name: str | None, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
+        domain_name: str,
+        task_name: str | None,
+        task_kwargs: Mapping[str, Any] | None,
+        max_episode_steps: int | None = None,
     ) -> "EnvironmentSpec":
         """Makes a specification of checked arguments; None stands for the domain's default.
 
-        Arguments that name a file are replaced by the file's contents.
+        Arguments that name a file are replaced by the file's contents, NumPy's numbers and arrays by those of Python.
+
+        Raises:
+          OSError: a file that an argument names cannot be read.
+          TypeError: an argument has another type, or one that JSON cannot hold.
+          ValueError: an argument is not valid, or there is no such domain or task.
         """
+        task_kwargs = task_kwargs or {}
         task_name = suite.default_task(domain_name) if task_name is None else task_name
         if max_episode_steps is not None:
             checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
@@ -62,7 +71,8 @@ class EnvironmentSpec:
         env_class = domain.env_class
         # Before Gymnasium does, which takes some names itself, such as `disable_env_checker`.
         env_class.check_keywords(domain, task_kwargs, exclude=_RESERVED)
-        task_kwargs = domain.with_contents(task_kwargs)
+        contents = domain.with_contents(task_kwargs)
+        task_kwargs = {name: files.json_value(value, name) for name, value in contents.items()}
         obs_type = env_class.find_obs_type(task_kwargs.get("obs_type"))
         # The quality of observed pictures must not depend on that of a video.
         quality = {"render_quality": "high"} if has_pictures(obs_type) else {}
@@ -97,7 +107,7 @@ class EnvironmentSpec:
         return EpisodeSpec(
             **own,
             policy=policy.text,
-            seed=seed,
+            seed=checks.integer(seed, "seed", minimum=0),
             seeding=seeding,
             versions=self.current_versions,
             policy_sha256=digest,

@@ -306,8 +306,8 @@ class _Recorded:
 def make_unprepared_plan(policy: PolicyRef, protocol: str, replaced: Replaced) -> EvaluationPlan:
     """Plans an evaluation as `make_plan` does, but builds no policy, and takes no goals from a dataset."""
     found = find_protocol(protocol, replaced.domain_name)
-    count = found.num_episodes if replaced.num_episodes is None else replaced.num_episodes
-    checks.integer(count, "num_episodes", minimum=1, maximum=checks.MAX_COUNT)
+    given_count = found.num_episodes if replaced.num_episodes is None else replaced.num_episodes
+    count = checks.integer(given_count, "num_episodes", minimum=1, maximum=checks.MAX_COUNT)
     return EvaluationPlan(protocol=found.name, specs=_specs(policy, found, replaced), num_episodes=count)
 
 
@@ -368,8 +368,8 @@ def _specs(policy: PolicyRef, protocol: Protocol, replaced: Replaced) -> dict[st
     differing = {name for each in others for name in first.keys() | each.keys() if first.get(name) != each.get(name)}
     if clash := sorted(differing & replaced.task_kwargs.keys()):
         raise ValueError(f"the conditions of protocol {protocol.name!r} differ in {clash}, which cannot be replaced")
-    seed = protocol.seed if replaced.seed is None else replaced.seed
-    checks.integer(seed, "seed", minimum=0, maximum=MAX_SEED - checks.MAX_COUNT)
+    given_seed = protocol.seed if replaced.seed is None else replaced.seed
+    seed = checks.integer(given_seed, "seed", minimum=0, maximum=MAX_SEED - checks.MAX_COUNT)
     given_steps = replaced.max_episode_steps
     max_episode_steps = protocol.max_episode_steps if given_steps is None else given_steps
     default_task = domain_protocols(replaced.domain_name).task_name

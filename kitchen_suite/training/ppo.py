@@ -8,7 +8,6 @@ import collections
 import concurrent.futures
 import copy
 import itertools
-import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
-from kitchen_suite import checks, suite
+from kitchen_suite import checks, files, suite
 from kitchen_suite.closing import closed_on_error
 from kitchen_suite.episodes.play import BatchStep, Controller
 from kitchen_suite.episodes.spec import EnvironmentSpec
@@ -774,7 +773,7 @@ def _training_kwargs(spec: EnvironmentSpec, changes: Mapping[str, Any], *, clone
     given = {*spec.task_kwargs, *suite.task_arguments(spec.domain_name, spec.task_name)}
     defaults = {option: value for option, value in own.items() if option not in given}
     changes = suite.find_domain(spec.domain_name).with_contents(changes)
-    arguments: dict[str, Any] = json.loads(json.dumps({**defaults, **changes}))
+    arguments = {name: files.json_value(value, name) for name, value in {**defaults, **changes}.items()}
     options = (*spec.env_class.goal_options, *suite.find_domain(spec.domain_name).control_options)
     if shared := sorted({*OBSERVATION_OPTIONS, *options} & arguments.keys()):
         raise ValueError(f"training_kwargs cannot change {shared}, on which the policy depends: change the task_kwargs")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 from dm_env import specs
 
-from kitchen_suite import checks, suite
+from kitchen_suite import checks, files, suite
 from kitchen_suite.training.ranges import (
     MAX_STEPS,
     Coefficient,
@@ -257,10 +257,10 @@ def checked_changes(defaults: Config, changes: Mapping[str, Any]) -> Config:
       ValueError: a name is unknown, or a value is out of range.
     """
     names = [field.name for field in dataclasses.fields(defaults)]
-    values = {
-        checks.choice(name, names, "hyperparameter"): tuple(value) if isinstance(value, list) else value
-        for name, value in changes.items()
-    }
+    values = {}
+    for name, change in changes.items():
+        value = files.json_value(change, checks.choice(name, names, "hyperparameter"))
+        values[name] = tuple(value) if isinstance(value, list) else value
     return dataclasses.replace(defaults, **values)
 
 

@@ -72,8 +72,8 @@ def train(
       ValueError: an argument is not valid, or the folder holds another run.
     """
     _check(algorithm, schedule, training_kwargs, demonstrations, num_demonstrations, initial_policy)
-    checks.integer(seed, "seed", minimum=0)
-    checks.integer(restarts, "restarts", minimum=0, maximum=checks.MAX_COUNT)
+    seed = checks.integer(seed, "seed", minimum=0)
+    restarts = checks.integer(restarts, "restarts", minimum=0, maximum=checks.MAX_COUNT)
     spec.make_environment().close()
     training: PPOTraining | BCTraining
     if algorithm == PPO:

@@ -98,7 +98,16 @@ def test_a_file_is_a_policy():
     assert_same(named, by_seed(kitchen_suite.play(spec, str(file), [0])))
 
 
+class NeedsGradient:
+    """Raises as a tensor of PyTorch does that requires a gradient, where it is taken for an array."""
+
+    def __array__(self, dtype=None, copy=None):
+        raise RuntimeError("Can't call numpy() on Tensor that requires grad")
+
+
 BAD_BATCHES = {
+    "a tensor that requires a gradient": (lambda observations: NeedsGradient(), "requires grad"),
+    "rows of two lengths": (lambda observations: [[0.0], [0.0, 1.0]], "bad actions"),
     "the shape": (lambda observations: np.zeros(9), "shape"),
     "strings": (lambda observations: np.full((2, 9), "x"), "numbers"),
     "NaN": (lambda observations: np.full((2, 9), np.nan), "finite"),
@@ -112,6 +121,12 @@ def test_bad_actions_of_a_batch_are_refused(case):
     policy, shown = BAD_BATCHES[case]
     with refused(PolicyError, "test_play_function", shown):
         list(kitchen_suite.play(kitchen(), policy, range(2), takes="batch", num_envs=2))
+
+
+@pytest.mark.parametrize("num_envs", [1, 2])
+def test_a_bad_action_of_an_observation_is_refused(num_envs):
+    with refused(PolicyError, "test_play_function", "bad action", "requires grad"):
+        list(kitchen_suite.play(kitchen(), lambda timestep: NeedsGradient(), range(2), num_envs=num_envs))
 
 
 def test_bad_arguments_are_refused():
@@ -177,6 +192,34 @@ def test_a_recording_of_an_object_is_not_continued_by_another_one(tmp_path):
         kitchen_suite.record(tmp_path / "runs", kitchen(), lambda timestep: np.ones(9), num_episodes=2)
     with refused(ValueError, "resumed"):
         kitchen_suite.evaluate(of_batch, takes="batch", output=tmp_path / "evaluation", resume=True)
+
+
+def test_arguments_of_numpy_are_those_of_python(tmp_path):
+    given = {"threshold": np.float64(0.25), "tasks_to_complete": np.array(["kettle"])}
+    spec = EnvironmentSpec.make("kitchen", "all", given, np.int64(LIMIT))
+    same = EnvironmentSpec.make("kitchen", "all", {"threshold": 0.25, "tasks_to_complete": ["kettle"]}, LIMIT)
+    assert spec == same
+    assert spec.episodes(PolicyRef.parse("random"), seed=np.int64(3)).as_json()["seed"] == 3
+    kitchen_suite.record(tmp_path / "runs", spec, "random", num_episodes=np.int64(1), seed=np.uint8(3))
+    assert [episode.seed for episode in Recording.open(tmp_path / "runs")] == [3]
+
+
+def test_an_evaluation_of_numbers_of_numpy_can_be_written(tmp_path):
+    receipt = tmp_path / "receipt.npz"
+    arguments = {"task_name": "kettle", "max_episode_steps": np.int16(3), "receipt": receipt}
+    evaluation = kitchen_suite.evaluate("random", seed=np.int64(5), num_episodes=np.int64(2), **arguments)
+    written = json.loads(json.dumps(evaluation.as_json()))
+    assert (written["seed"], written["num_episodes"], written["max_episode_steps"]) == (5, 2, 3)
+    assert kitchen_suite.replay(receipt) == 0
+
+
+def test_no_arguments_are_the_defaults():
+    assert EnvironmentSpec.make("kitchen", "kettle", None) == EnvironmentSpec.make("kitchen", "kettle", {})
+
+
+def test_an_argument_that_json_cannot_hold_is_refused():
+    with refused(TypeError, "threshold must consist of what JSON can hold"):
+        EnvironmentSpec.make("kitchen", "kettle", {"threshold": {0.3}})
 
 
 @pytest.mark.parametrize("steps", [0, -1, 2.5, True])

@@ -47,6 +47,12 @@ def test_each_hyperparameter_has_a_range_with_its_default(config):
         assert all(value in interval for value in values), name
 
 
+def test_numbers_and_arrays_of_numpy_are_taken_as_those_of_python():
+    given = {"num_envs": np.int64(8), "learning_rate": np.float32(0.5), "hidden": np.array([4, 6])}
+    made = checked_changes(PPOHyperparameters(), given)
+    assert json.dumps([made.num_envs, made.learning_rate, made.hidden]) == "[8, 0.5, [4, 6]]"
+
+
 @pytest.mark.parametrize(("config", "name"), FIELDS, ids=[name for _, name in FIELDS])
 def test_both_ends_of_a_range_are_kept_and_what_is_beyond_is_refused(config, name):
     interval = ranges(type(config))[name]
