@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from kitchen_suite import checks
 
 NEXT_SEED = "next_seed"
@@ -23,7 +25,7 @@ def checked_stride(episode_seeds: bool | int, true: int = 1) -> int:
       TypeError: it is no bool and no integer.
       ValueError: it is less than 1.
     """
-    if isinstance(episode_seeds, bool):
+    if isinstance(episode_seeds, bool | np.bool_):
         return true if episode_seeds else 0
     return checks.integer(episode_seeds, "episode_seeds", minimum=1)
 

@@ -66,8 +66,9 @@ class Recording:
         return present
 
     @classmethod
-    def open(cls, folder: Path) -> "Recording":
+    def open(cls, folder: str | Path) -> "Recording":
         """Opens a recording; raises an OSError if there is none, or it cannot be read."""
+        folder = Path(folder)
         path = folder / SPEC_FILE
         record = files.load_json(path, "the specification of a recording")
         try:

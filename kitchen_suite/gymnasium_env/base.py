@@ -86,6 +86,8 @@ class SuiteEnv(gymnasium.Env):
             self._arguments = copy.deepcopy((args, kwargs))
         except RecursionError as error:
             raise ValueError(f"an argument is nested too deeply: {checks.shown(kwargs)}") from error
+        except TypeError as error:  # Of a generator, for example.
+            raise TypeError(f"an argument cannot be copied: {checks.shown(kwargs)}: {error}") from error
         return self
 
     def __init__(
@@ -446,6 +448,8 @@ class SuiteEnv(gymnasium.Env):
         inner = {key: value for key, value in state.items() if key not in own}
         observation = self._get_obs(self.environment.set_state(inner))
         self._episode_step, self._next_seed = step, next_seed
+        if self._seed_stride:
+            self._np_random_seed = UNKNOWN if next_seed == UNKNOWN else next_seed - self._seed_stride
         return observation
 
     def render(self) -> np.ndarray | None:

@@ -71,7 +71,8 @@ def picture_options(
     options: Mapping[str, Any], obs_type: str, obs_types: Collection[str], default_cameras: Sequence[str]
 ) -> dict[str, Any]:
     """Returns the arguments of a task with those of the pictures that an observation type needs."""
-    given = {name: value for name, value in options.items() if name in PICTURE_OPTIONS and value not in (None, False)}
+    named = {name: value for name, value in options.items() if name in PICTURE_OPTIONS}
+    given = {name: value for name, value in named.items() if value is not None and value is not False}
     others = {name: value for name, value in options.items() if name not in PICTURE_OPTIONS}
     if has_pictures(obs_type):
         return {**others, **given, "cameras": checks.unique_names(given.get("cameras", default_cameras), "cameras")}

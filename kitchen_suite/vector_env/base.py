@@ -171,6 +171,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
     @property
     def instruction(self) -> tuple[str, ...]:
         """The sentence of each environment's task."""
+        self._check_open()
         return self._each("instruction")
 
     @property
@@ -247,6 +248,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
           mask: environments `(n,)` that begin a run; all when omitted.
           total_steps: control steps that each has made before, where a run continues.
         """
+        self._check_open()
         self._episodes.reset_statistics(mask, total_steps)
 
     def _get_obs(self) -> Any:
@@ -256,16 +258,19 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
     @property
     def present_observation(self) -> dict[str, NDArray]:
         """The present observations as the suite's own, whatever the observation type, with a leading axis."""
+        self._check_open()
         return self._observations.suite_observation(self._present(self._pictures.take()))
 
     @property
     def present_numbers(self) -> dict[str, NDArray]:
         """The present observations without pictures, which are not rendered; otherwise as `present_observation`."""
+        self._check_open()
         return self._observations.suite_numbers(self._present({}))
 
     @property
     def physics_state(self) -> tuple[NDArray[np.float64], ...]:
         """The present physics state of each environment, as `SuiteEnv.physics_state`; sizes depend on the model."""
+        self._check_open()
         return self._episodes.physics_state()
 
     def camera_parameters(self, camera: str, width: int, height: int) -> CameraParameters:
@@ -294,11 +299,13 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The environments' random generators."""
+        self._check_open()
         return tuple(stream.generator for stream in self._episodes.streams)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seeds of the environments' random generators."""
+        self._check_open()
         return tuple(stream.seed for stream in self._episodes.streams)
 
     def reset(
@@ -485,10 +492,13 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         yield
         self._needs_reset = False
 
-    def _check_process(self) -> None:
-        """Checks that the environments are open, and in the process in which their threads run."""
+    def _check_open(self) -> None:
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("the environments are closed")
+
+    def _check_process(self) -> None:
+        """Checks that the environments are open, and in the process in which their threads run."""
+        self._check_open()
         if os.getpid() != self._process:
             raise RuntimeError(
                 "threads do not survive a fork: build the environments in the process that steps them, or start "

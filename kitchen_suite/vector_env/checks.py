@@ -42,7 +42,8 @@ def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | No
     """
     if value is None:
         return [None] * count
-    if isinstance(value, list | tuple | np.ndarray):
+    is_array = isinstance(value, np.ndarray) and value.ndim > 0
+    if is_array or (isinstance(value, Sequence) and not isinstance(value, str | bytes)):
         each = list(value)
     else:
         first = checks.integer(value, "seed", minimum=0)

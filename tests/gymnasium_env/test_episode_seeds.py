@@ -88,10 +88,22 @@ def test_a_state_counts_on_and_a_seed_beside_it_counts_from_that():
     env, other = make(), make()
     play(env, 3, seed=7)
     state = env.unwrapped.get_state()
+    play(other, 1, seed=30)
     other.reset(options={"state": state})
+    assert other.unwrapped.np_random_seed == 7
     assert_same(play(env, 2), play(other, 2))
+    assert other.unwrapped.np_random_seed == 8
     other.reset(seed=20, options={"state": state})
+    assert other.unwrapped.np_random_seed == 20
     assert_same(other.reset(), make().reset(seed=21))
+
+
+@pytest.mark.parametrize(("given", "second"), [(np.bool_(True), 6), (np.bool_(False), 5), (np.int64(3), 8)])
+def test_the_stride_can_be_of_numpy(given, second):
+    env = make(suite.DOMAINS["open_cabinet"].env_id, episode_seeds=given).unwrapped
+    env.reset(seed=5)
+    env.reset()
+    assert env.np_random_seed == second
 
 
 @pytest.mark.full

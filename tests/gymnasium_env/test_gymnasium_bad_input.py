@@ -251,6 +251,13 @@ def test_arguments_of_any_depth_are_refused_in_one_short_line():
         assert_is_short(str(raised.value))
 
 
+@pytest.mark.parametrize("value", [(name for name in ["kettle"]), {"kettle": 1}.keys()], ids=["generator", "keys"])
+def test_arguments_that_cannot_be_copied_are_refused_in_one_short_line(value):
+    with refused(TypeError, "an argument cannot be copied", "tasks_to_complete") as raised:
+        gymnasium.make(KITCHEN_ID, tasks_to_complete=value)
+    assert_is_short(str(raised.value).partition(" was raised from the environment creator")[0])
+
+
 @pytest.mark.parametrize("name", ["width", "height", "max_geom"])
 def test_pictures_too_large_for_any_gl_library_are_refused_with_the_greatest_size(name):
     with refused(ValueError, name, "at most", "1000000000"):

@@ -141,6 +141,10 @@ BAD = {
     "no cameras": ({"obs_type": "pixels", "cameras": []}, ["cameras", "empty"]),
     "no height": ({"obs_type": "pixels", "image_size": (0, 8)}, ["height of image_size", "1", "0"]),
     "too wide": ({"obs_type": "pixels", "image_size": (8, 5000)}, ["width of image_size", "1920", "5000"]),
+    "array for a size": (
+        {"obs_type": "pixels", "image_size": np.array([8, 8])},
+        ["image_size must be (height, width), got array([8, 8])"],
+    ),
     "one number": ({"obs_type": "pixels", "image_size": 64}, ["image_size", "(height, width)", "64"]),
     "depth that is no bool": ({"obs_type": "pixels", "depth": "yes"}, ["depth", "True or False"]),
     "cameras without pictures": ({"cameras": ["left"]}, ["cameras=['left']", "'pixels_agent_pos'"]),

@@ -63,6 +63,8 @@ MASK = np.array([True, False, False])
 BAD_RESETS = {
     "negative seed among others": ({"seed": [1, 2, -3]}, ValueError, ["seed", "-3"]),
     "float among the seeds": ({"seed": [1, 2.5, None]}, TypeError, ["seed", "2.5"]),
+    "text for seeds": ({"seed": "123"}, TypeError, ["seed", "'123'"]),
+    "array without an axis": ({"seed": np.array(3)}, TypeError, ["seed", "array(3)"]),
     "too few seeds": ({"seed": [1, 2]}, ValueError, ["seed", "3", "2"]),
     "option of single environments": ({"options": {"state": 1}}, ValueError, ["'state'"]),
     "misspelt option": ({"options": {"low": 0, "reset_mas": MASK}}, ValueError, ["'reset_mas'", "'reset_mask'"]),
@@ -73,6 +75,13 @@ BAD_RESETS = {
     "good mask and a bad seed": ({"seed": -1, "options": {"reset_mask": MASK}}, ValueError, ["seed", "-1"]),
     "good seed and a bad mask": ({"seed": 3, "options": {"reset_mask": MASK[:2]}}, ValueError, ["reset_mask"]),
 }
+
+
+@pytest.mark.parametrize("seeds", [range(4, 7), (4, 5, 6), np.arange(4, 7), np.uint8(4)])
+def test_seeds_of_any_sequence_are_those_of_a_list(twins, seeds):
+    env, twin = twins
+    assert_same(env.reset(seed=seeds), twin.reset(seed=[4, 5, 6]))
+    assert_goes_on_as(env, twin)
 
 
 def test_options_of_other_libraries_are_ignored(twins):

@@ -1,5 +1,6 @@
 """The state of vectorised environments after divergence, interrupts, errors of MuJoCo, and `close`."""
 
+import functools
 import gc
 import os
 import signal
@@ -342,5 +343,19 @@ def test_a_closed_environment_raises(vector):
     env = started(vector)
     env.close()
     for use in (env.reset, lambda: env.step(actions_of(env))):
+        with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+            use()
+
+
+@both
+def test_what_reads_the_episodes_of_a_closed_environment_raises(vector):
+    env = started(vector)
+    names = ("physics_state", "present_observation", "present_numbers", "np_random", "np_random_seed", "instruction")
+    uses = [functools.partial(getattr, env, name) for name in names]
+    uses += [env.reset_statistics, lambda: env.get_attr("np_random_seed")]
+    for use in uses:
+        use()
+    env.close()
+    for use in uses:
         with pytest.raises(gymnasium.error.ClosedEnvironmentError):
             use()
