@@ -90,6 +90,38 @@ def added_functions(task: object, attribute: str) -> dict[str, Callable[[Any], A
     return terms
 
 
+def in_shape(terms: Mapping[str, Callable[[Any], Any]], attribute: str, dtype: type) -> dict[str, Callable[[Any], Any]]:
+    """Returns terms, by name, that return a fresh array `(...)` with an element for each episode of a step.
+
+    A Python number is that of all episodes. Another value of a wrong shape is refused rather than broadcast, since it
+    may have been reduced over all episodes of a batch. Arrays are copied, since views would change with the state.
+
+    Args:
+      terms: functions of a `Transition`.
+      attribute: where the task has them, such as `extra_rewards`, for messages.
+      dtype: of the arrays.
+
+    The terms raise a TypeError for what holds no numbers, and a ValueError for another shape.
+    """
+    return {name: _in_shape(term, f"{attribute}[{name!r}]", dtype) for name, term in terms.items()}
+
+
+def _in_shape(term: Callable[[Any], Any], name: str, dtype: type) -> Callable[[Any], NDArray[Any]]:
+    def value_of(step: Transition) -> NDArray[Any]:
+        shape, value = step.action.shape[:-1], term(step)
+        # NumPy's float64 is a float as well, but may be the maximum of a batch.
+        if type(value) in (bool, int, float):
+            return np.full(shape, value, dtype)
+        array = checks.array_of(value, name)
+        if array.dtype.kind not in "biuf":
+            raise TypeError(f"{name} must return numbers of the shape {shape}, got {checks.shown(value)}")
+        if array.shape != shape:
+            raise ValueError(f"{name} must have the shape {shape}, got {array.shape}: reduce along the last axis alone")
+        return np.array(array, dtype)
+
+    return value_of
+
+
 def total(terms: Mapping[str, Array]) -> Array:
     """Returns the reward `(...)`, the sum of its terms."""
     return functools.reduce(operator.add, terms.values())

@@ -400,6 +400,94 @@ def test_terms_that_cannot_be_are_refused_by_the_name_of_their_class(value, erro
         terms.added_functions(task(), "extra_rewards")
 
 
+# Shapes of terms
+
+
+def offset(step):
+    """A view of the state, of a quantity that is not 0 at a reset."""
+    return step.after.handle_offset[..., 0]
+
+
+@pytest.mark.full
+def test_python_numbers_and_views_of_the_state_are_terms_in_all_front_ends():
+    rewards = {"time": lambda step: -0.01, "count": lambda step: 2, "true": lambda step: True, "offset": offset}
+    terminations = {"never": lambda step: False, "far": lambda step: offset(step) > 100.0}
+    attributes = {"extra_rewards": rewards, "extra_terminations": terminations}
+    task = type("Mine", (tasks.MicrowaveTableTask,), attributes)
+    with registered("microwave_table", task) as record:
+        env = gymnasium.make(record.env_id, max_episode_steps=3)
+        envs = gymnasium.make_vec(record.env_id, 2, max_episode_steps=3)
+        env.reset(seed=1)
+        envs.reset(seed=0)
+        rng = np.random.default_rng(0)
+        # A step of the vectorised environments starts the next episodes, whose states must not share memory with terms.
+        for step in range(8):
+            actions = rng.normal(size=(2, 8)).clip(-1, 1).astype(np.float32)
+            many, rewards, terminations, _, infos = envs.step(actions)
+            if step % 4 == 3:
+                observation, info = env.reset()
+            else:
+                observation, reward, terminated, _, info = env.step(actions[1])
+                assert reward == rewards[1]
+                assert not terminated
+                assert not terminations[1]
+                assert [info[f"reward/{name}"] for name in ("time", "count", "true")] == [-0.01, 2.0, 1.0]
+            for name in ("time", "count", "true", "offset", "approach", "opening"):
+                assert info[f"reward/{name}"].dtype == infos[f"reward/{name}"].dtype == np.float64
+                assert infos[f"reward/{name}"].shape == (2,)
+                assert info[f"reward/{name}"] == infos[f"reward/{name}"][1]
+            for name in ("never", "far"):
+                assert infos[f"termination/{name}"].tolist() == [False, False]
+            np.testing.assert_array_equal(many[1], observation)
+        envs.close()
+
+
+ATTRIBUTES = ("extra_rewards", "extra_terminations")
+
+
+def with_term(attribute, term):
+    """A class of a task with a term `x`."""
+    return type("Mine", (tasks.MicrowaveTableTask,), {attribute: {"x": term}})
+
+
+@pytest.mark.parametrize("attribute", ATTRIBUTES)
+@pytest.mark.parametrize(
+    ("term", "error", "shown"),
+    [
+        (lambda step: step.after.joint_velocities, ValueError, "the shape (), got (9,): reduce along the last axis"),
+        (lambda step: step.after.joint_velocities[..., :1], ValueError, "the shape (), got (1,)"),
+        (lambda step: None, TypeError, "numbers of the shape (), got None"),
+        (lambda step: "1", TypeError, "numbers of the shape (), got '1'"),
+        (lambda step: [[1.0], [1.0, 2.0]], ValueError, "must be an array"),
+    ],
+)
+def test_a_term_of_another_shape_is_refused_at_the_first_step(attribute, term, error, shown):
+    environment = Environment(with_term(attribute, term)(entities.build_microwave_table_scene(visuals=False)))
+    environment.reset()
+    with refused(error, f"{attribute}['x']", shown):
+        environment.step(np.zeros(8))
+
+
+@pytest.mark.parametrize("attribute", ATTRIBUTES)
+@pytest.mark.parametrize("reduce", [np.max, np.any])
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_term_that_is_reduced_over_a_batch_is_refused_and_not_broadcast(attribute, reduce, count):
+    def over_all(step):
+        return reduce(np.abs(step.after.joint_velocities) > 0.5)
+
+    def of_each(step):
+        return reduce(np.abs(step.after.joint_velocities) > 0.5, axis=-1)
+
+    envs = SuiteVectorEnv(count, domain=_temporary("microwave_table", with_term(attribute, over_all)))
+    envs.reset(seed=0)
+    with refused(ValueError, f"{attribute}['x'] must have the shape ({count},), got (): reduce along the last axis"):
+        envs.step(np.zeros((count, 8)))
+    envs = SuiteVectorEnv(count, domain=_temporary("microwave_table", with_term(attribute, of_each)))
+    envs.reset(seed=0)
+    *_, infos = envs.step(np.zeros((count, 8)))
+    assert infos[f"{attribute.removeprefix('extra_').removesuffix('s')}/x"].shape == (count,)
+
+
 # Hooks
 
 
