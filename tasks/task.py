@@ -32,7 +32,16 @@ from kitchen_suite.tasks.quality import QualityMeter
 from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
 from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
-from kitchen_suite.tasks.terms import Observation, RewardTerm, Termination, added, added_functions, end_to_end, in_shape
+from kitchen_suite.tasks.terms import (
+    Observation,
+    RewardTerm,
+    Termination,
+    added,
+    added_functions,
+    check_recordable,
+    end_to_end,
+    in_shape,
+)
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
 from kitchen_suite.types import Array
@@ -175,6 +184,8 @@ class SuiteTask(composer.Task):
         self.mdp = mdp
         if extra_rewards := self._added_terms("extra_rewards", np.float64):
             self.mdp = dataclasses.replace(mdp, rewards=self._joined_rewards(mdp.rewards, extra_rewards))
+        check_recordable(self.mdp.rewards, f"reward and extra_rewards of {type(self).__name__}")
+        check_recordable(self.terminations, f"extra_terminations of {type(self).__name__}")
         self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
         self.requests = Requests()

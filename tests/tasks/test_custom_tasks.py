@@ -15,8 +15,10 @@ from docs_scripts import load_script
 from helpers.errors import refused
 from helpers.sweeps import brief
 
+import kitchen_suite
 from kitchen_suite import entities, suite, tasks
 from kitchen_suite.environment import Environment
+from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks import Observation, terms
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -390,6 +392,9 @@ def test_a_base_of_two_classes_does_not_undo_what_one_of_them_replaces():
         ({"up": 3}, TypeError, ("['up']", "3")),
         ({3: one}, ValueError, ("names as keys", "3")),
         ({"a/": one}, ValueError, ("names as keys", "'a/'")),
+        ({"a//b": one}, ValueError, ("names as keys", "'a//b'")),
+        ({"a\0b": one}, ValueError, ("names as keys", "printable", r"'a\x00b'")),
+        ({"a/b/c/d/e/f/g": one}, ValueError, ("names as keys", "1 to 6", "'a/b/c/d/e/f/g'")),
         ({"upp": None}, ValueError, ("removes", "'upp' does not exist", "'up'")),
     ],
 )
@@ -398,6 +403,57 @@ def test_terms_that_cannot_be_are_refused_by_the_name_of_their_class(value, erro
     task = type("Mine", (base,), {"extra_rewards": value})
     with refused(error, "extra_rewards", "Mine", *words):
         terms.added_functions(task(), "extra_rewards")
+
+
+# Names of terms that recordings hold
+
+
+def domain_of(task):
+    return suite.Domain(
+        "mine",
+        scene=DOMAINS["microwave_table"][0],
+        task=task,
+        tasks={"one": {}},
+        env_id="Mine/A-v1",
+        episode_steps=9,
+    )
+
+
+@pytest.mark.parametrize(
+    ("attribute", "names", "taken"),
+    [
+        ("extra_rewards", ["approach/left"], "'approach' and ['approach/left']"),
+        ("extra_rewards", ["grasp/left", "grasp", "grasp/right/up"], "'grasp' and ['grasp/left', 'grasp/right/up']"),
+        ("extra_terminations", ["below", "below/door"], "'below' and ['below/door']"),
+    ],
+)
+def test_a_name_that_is_a_group_of_other_terms_is_refused_when_the_task_is_built(attribute, names, taken):
+    task = type("Mine", (tasks.MicrowaveTableTask,), {attribute: dict.fromkeys(names, one)})
+    with refused(ValueError, f"{attribute} of Mine", taken, "choose names that do not begin with"):
+        domain_of(task).load(visuals=False)
+
+
+def test_terms_of_an_mdp_whose_names_no_recording_could_hold_are_refused():
+    lever = load_script("examples/my_domain")
+    scene = lever.build_lever_scene(visuals=False)
+    mdp = lever.LeverTask(scene).mdp
+    for name, words in (("push/left", "'push' and ['push/left']"), ("a//b", "'a//b'")):
+        other = dataclasses.replace(mdp, rewards={**mdp.rewards, name: one})
+        with refused(ValueError, "reward and extra_rewards of LeverTask", words):
+            tasks.SuiteTask.__init__(lever.LeverTask.__new__(lever.LeverTask), scene, other)
+
+
+@pytest.mark.full
+def test_names_that_do_not_begin_with_one_another_are_recorded_and_read_again(tmp_path):
+    names = ["approach_left", "grasp/left", "grasp/right/up", "a/b/c/d/e/f"]
+    terms = {"extra_rewards": dict.fromkeys(names, one), "extra_terminations": dict.fromkeys(names, lambda step: False)}
+    with registered("microwave_table", type("Mine", (tasks.MicrowaveTableTask,), terms)) as record:
+        spec = kitchen_suite.EnvironmentSpec.make(record.name, "one", {})
+        kitchen_suite.record(tmp_path / "runs", spec, "zero", num_episodes=1, num_threads=1)
+        (episode,) = Recording.open(tmp_path / "runs")
+    for name in names:
+        assert episode.arrays[f"info/reward/{name}"].tolist() == [0.0, *[1.0] * record.episode_steps]
+        assert episode.arrays[f"info/termination/{name}"].tolist() == [False] * (record.episode_steps + 1)
 
 
 # Shapes of terms
@@ -468,6 +524,7 @@ def test_a_term_of_another_shape_is_refused_at_the_first_step(attribute, term, e
         environment.step(np.zeros(8))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("attribute", ATTRIBUTES)
 @pytest.mark.parametrize("reduce", [np.max, np.any])
 @pytest.mark.parametrize("count", [1, 2])
