@@ -211,7 +211,11 @@ class SuiteTask(composer.Task):
         return {**rewards, **extra}
 
     def _make_observables(self) -> dict[str, observable.Observable]:
-        """Returns an enabled observable for each observation, by key, in order."""
+        """Returns an enabled observable for each observation, by key, in order.
+
+        Raises a ValueError where two observations have one key, or one has that of an entity's observable or of a
+        picture, which composer would observe in its place.
+        """
         entities = {
             key: own for entity in self.root_entity.iter_entities() for key, own in entity.observables.as_dict().items()
         }
@@ -235,6 +239,12 @@ class SuiteTask(composer.Task):
             for place, picture in enumerate(self.pictures.colour):
                 requests[f"{GOAL_PIXELS}/{picture.camera}"] = self._goal_picture(place)
         observed = joined(state, self.extra_observables, goals, requests)
+        others = {**entities, **self.pictures.by_name}
+        if taken := sorted(key for key, own in observed.items() if others.get(key, own) is not own):
+            raise ValueError(
+                "extra_observations must have other names than the observables of entities, enabled or not, and than "
+                f"pictures: {taken}"
+            )
         for part in observed.values():
             part.enabled = True
         return observed

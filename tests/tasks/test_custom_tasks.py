@@ -627,6 +627,38 @@ def test_observations_must_not_take_the_names_of_the_tasks_own(domain, taken):
         task(build(visuals=False))
 
 
+@pytest.mark.full
+@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize("kind", ["observable of an attached entity", "observable of the robot", "picture"])
+def test_observations_must_not_take_names_under_which_composer_observes_something_else(domain, kind):
+    build, base, place = DOMAINS[domain]
+    taken, free = {
+        "observable of an attached entity": ("mug/position", "mug/place"),
+        "observable of the robot": ("franka/end_effector_position", "franka/hand"),
+        "picture": ("mug/depth", "mug/deep"),
+    }[kind]
+
+    def task_with(name):
+        class Task(base):
+            extra_observations = {name: Observation(position)}
+
+            def __init__(self, scene, **options):
+                scene.attach(mug(), pos=place)
+                scene.arena.mjcf_model.worldbody.add("camera", name="mug", pos=(0.0, 0.0, 3.0))
+                super().__init__(scene, **options, cameras=["mug"], depth=True)
+
+        return Task(build(visuals=False))
+
+    with refused(ValueError, "extra_observations must have other names", "entities", "pictures", f"['{taken}']"):
+        task_with(taken)
+    environment = Environment(task_with(free))
+    # Without the pictures, nothing is rendered.
+    for picture in environment.task.pictures.by_name.values():
+        picture.enabled = False
+    timestep = environment.reset()
+    np.testing.assert_array_equal(np.ravel(timestep.observation[free]), environment.physics.named.data.xpos["mug/"])
+
+
 def test_attributes_of_an_observation_are_checked():
     with refused(TypeError, "read"):
         Observation(3)
