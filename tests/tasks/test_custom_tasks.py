@@ -545,6 +545,83 @@ def test_a_term_that_is_reduced_over_a_batch_is_refused_and_not_broadcast(attrib
     assert infos[f"{attribute.removeprefix('extra_').removesuffix('s')}/x"].shape == (count,)
 
 
+# Mixing of the environments of a batch
+
+
+def speeds(step):
+    return np.abs(step.after.joint_velocities)
+
+
+def slowed(simulation, state, **axis):
+    """Velocities in comparison with the greatest one."""
+    return state.joint_velocities / (1.0 + np.abs(state.joint_velocities).max(**axis))
+
+
+def ended(step, **axis):
+    return np.full(step.action.shape[:-1], (speeds(step) > 2.0).any(**axis))
+
+
+# By what differs: a term that mixes the environments of a batch, and one that computes each alone.
+MIXING = {
+    "reward/x": (
+        {"extra_rewards": {"x": lambda step: -(speeds(step) / speeds(step).max()).max(axis=-1)}},
+        {"extra_rewards": {"x": lambda step: -(speeds(step) / speeds(step).max(axis=-1, keepdims=True)).max(axis=-1)}},
+    ),
+    "termination": (
+        {"extra_terminations": {"x": ended}},
+        {"extra_terminations": {"x": lambda step: ended(step, axis=-1)}},
+    ),
+    "observation": (
+        {"extra_observations": {"x": Observation(slowed)}},
+        {"extra_observations": {"x": Observation(lambda *state: slowed(*state, axis=-1, keepdims=True))}},
+    ),
+}
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("what", MIXING)
+def test_what_mixes_the_environments_of_a_batch_is_refused_at_registration(what):
+    mixing, alone = (type("Mine", (tasks.MicrowaveTableTask,), attributes) for attributes in MIXING[what])
+    with (
+        refused(ValueError, what.partition("/")[0], "single", "vectorised", "reducing along the last axis"),
+        registered("microwave_table", mixing),
+    ):
+        pass
+    with registered("microwave_table", alone) as record:
+        assert suite.DOMAINS[record.name] is record
+
+
+@pytest.mark.full
+def test_a_reward_of_an_mdp_that_has_no_number_for_each_environment_is_refused_at_registration():
+    lever = load_script("examples/my_domain")
+
+    def task_with(term):
+        class Task(lever.LeverTask):
+            def __init__(self, scene, **options):
+                super().__init__(scene, **options)
+                self.mdp = dataclasses.replace(self.mdp, rewards={**self.mdp.rewards, "time": term})
+
+        return Task
+
+    def register(term):
+        record = suite.Domain(
+            "mine",
+            scene=lever.build_lever_scene,
+            task=task_with(term),
+            tasks={"one": {}},
+            env_id="Custom/Mine-v1",
+            episode_steps=9,
+        )
+        suite.register(record)
+        del suite._domains["mine"]
+        for env_id in {record.env_id, *record.task_ids.values()}:
+            del gymnasium.registry[env_id]
+
+    with refused(ValueError, "shape in a batch of info['reward/time']", "(2,)", "()"):
+        register(lambda step: -0.01)
+    register(lambda step: np.full(step.action.shape[:-1], -0.01))
+
+
 # Hooks
 
 
