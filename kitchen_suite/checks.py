@@ -277,6 +277,12 @@ def unique_names(values: object, name: str, *, minimum: int = 1) -> tuple[object
     return result
 
 
+def groups(names: Iterable[str]) -> set[str]:
+    """Returns the groups of names whose parts have slashes between them: of `a/b/c`, these are `a` and `a/b`."""
+    paths = [name.split("/") for name in names]
+    return {"/".join(parts[:depth]) for parts in paths for depth in range(1, len(parts))}
+
+
 def vector(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
     """Returns `value` as a float64 vector, unrounded, if it has `size` finite real elements."""
     array = array_of(value, name)

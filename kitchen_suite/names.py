@@ -32,6 +32,9 @@ TASK_SETS = {
 EXACT, FAST = PHYSICS = ("exact", "fast")
 """Names of the ways in which a scene is simulated; the first is the default."""
 
+# Greatest number of parts in the name of a recorded array, such as the three of `info/reward/approach`.
+MAX_NAME_PARTS = 8
+
 
 class EnvironmentClasses(NamedTuple):
     """Entry points `module:name` of the classes of Gymnasium environments, single and vectorised."""

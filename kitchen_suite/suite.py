@@ -85,8 +85,9 @@ __getattr__, __dir__ = lazy.attributes(__name__, __all__, _TABLES)
 def register(domain: Domain) -> None:
     """Adds a domain to the suite: for `load`, for the commands in this process, and as ids of Gymnasium.
 
-    Plays ten steps of random actions and a second reset of the default task in an environment of `load`, in a single
-    and in a vectorised one of Gymnasium, which must agree in all numbers.
+    Plays ten steps of random actions and another reset of the default task in an environment of `load`, in a single one
+    of Gymnasium, and in the first of two vectorised ones, which must agree in all numbers. The second of the two has
+    another seed and other actions, so that what mixes the environments of a batch shows. Then the two change places.
 
     Raises:
       TypeError: it is no `Domain`.
@@ -132,8 +133,12 @@ for _domain in DOMAINS.values():
     _register_ids(_domain, {"domain": _domain.name} if _domain.env == ANY_ENVIRONMENT.single else {})
 
 
-# Control steps that a registration plays.
+# Control steps that a registration plays with each pair of seeds.
 _REGISTRATION_STEPS = 10
+
+# Seeds of two vectorised environments, of which the first is compared with a single one. What mixes the environments of
+# a batch may show in one of the two alone, such as in that whose joints are slower.
+_REGISTRATION_SEEDS = ((0, 1), (1, 0))
 
 
 def _check_front_ends(domain: Domain) -> None:
@@ -142,7 +147,7 @@ def _check_front_ends(domain: Domain) -> None:
     with contextlib.ExitStack() as stack:
         single = gymnasium.make(env_id, disable_env_checker=True)
         stack.callback(single.close)
-        many = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", num_threads=1)
+        many = gymnasium.make_vec(env_id, 2, vectorization_mode="vector_entry_point", num_threads=1)
         stack.callback(many.close)
         _check_equal("action space", single.action_space, many.single_action_space, env_id)
         _check_equal("observation space", single.observation_space, many.single_observation_space, env_id)
@@ -152,36 +157,61 @@ def _check_front_ends(domain: Domain) -> None:
 
 
 def _check_episodes(single: gymnasium.Env, many: Any, environment: "Environment") -> None:
-    """Plays an episode and the reset after it in three environments; raises a ValueError where they differ."""
+    """Plays episodes in three environments; raises a ValueError where they differ.
+
+    Args:
+      single: of Gymnasium.
+      many: two vectorised ones, of which the first is compared; the second has another seed and other actions.
+      environment: of dm_env.
+    """
+    for seeds in _REGISTRATION_SEEDS:
+        generators = [np.random.default_rng(seed) for seed in seeds]
+        _check_reset(single, many, environment, seeds)
+        for step in range(1, _REGISTRATION_STEPS + 1):
+            actions = np.stack([_random_action(single.action_space, generator) for generator in generators])
+            if _check_actions(single, many, environment, actions, f"after step {step}"):
+                _check_reset(single, many, environment)
+        _check_reset(single, many, environment)
+
+
+def _check_reset(
+    single: gymnasium.Env, many: Any, environment: "Environment", seeds: tuple[int, int] | None = None
+) -> None:
+    """Resets the environments of `_check_episodes`, with seeds or without; raises a ValueError where they differ."""
+    inner: Any = single.unwrapped
+    observation, _ = single.reset(seed=seeds and seeds[0])
+    many_observation, _ = many.reset(seed=seeds and [*seeds])
+    if seeds:
+        generator = gymnasium.utils.seeding.np_random(seeds[0])[0]
+        environment.random_state = np.random.RandomState(generator.bit_generator)
+    timestep = environment.reset()
+    _check_step("at a reset", inner.spec.id, observation, many_observation, inner, timestep.observation)
+
+
+def _check_actions(single: gymnasium.Env, many: Any, environment: "Environment", actions: NDArray, after: str) -> bool:
+    """Makes a step of the environments of `_check_episodes`; raises a ValueError where they differ.
+
+    Returns whether it has ended the episode.
+    """
     inner: Any = single.unwrapped
     where = inner.spec.id
-    generator = gymnasium.utils.seeding.np_random(0)[0]
-    actions = np.random.default_rng(0)
-    for seed in (0, None):
-        observation, _ = single.reset(seed=seed)
-        many_observation, _ = many.reset(seed=seed)
-        if seed is not None:
-            environment.random_state = np.random.RandomState(generator.bit_generator)
-        timestep = environment.reset()
-        _check_step("at a reset", where, observation, many_observation, inner, timestep.observation)
-        for step in range(_REGISTRATION_STEPS if seed is not None else 0):
-            after, action = f"after step {step + 1}", _random_action(single.action_space, actions)
-            observation, reward, terminated, truncated, info = single.step(action)
-            many_observation, rewards, terminations, truncations, many_info = many.step(action[np.newaxis])
-            timestep = environment.step(inner.clip_actions(action.astype(np.float64)))
-            _check_step(after, where, observation, many_observation, inner, timestep.observation)
-            _check_equal(f"reward {after}", reward, rewards[0].item(), where)
-            _check_equal(f"termination {after}", terminated, bool(terminations[0]), where)
-            _check_equal(f"truncation {after}", truncated, bool(truncations[0]), where)
-            _check_equal(f"reward {after}", reward, timestep.reward, where, "dm_env's")
-            _check_equal(f"discount {after}", 0.0 if terminated else 1.0, timestep.discount, where, "dm_env's")
-            ours, theirs = _arrays(info, "info"), _arrays(many_info, "info")
-            for key, array in ours.items():
-                # Lists of names are objects in the vectorised one, or missing.
-                if key in theirs and theirs[key].dtype != object:
-                    _check_equal(f"{key} {after}", array.tolist(), theirs[key][0].tolist(), where)
-            if terminated or truncated:
-                break
+    observation, reward, terminated, truncated, info = single.step(actions[0])
+    many_observation, rewards, terminations, truncations, many_info = many.step(actions)
+    timestep = environment.step(inner.clip_actions(actions[0].astype(np.float64)))
+    _check_step(after, where, observation, many_observation, inner, timestep.observation)
+    _check_equal(f"reward {after}", reward, rewards[0].item(), where)
+    _check_equal(f"termination {after}", terminated, bool(terminations[0]), where)
+    _check_equal(f"truncation {after}", truncated, bool(truncations[0]), where)
+    _check_equal(f"reward {after}", reward, timestep.reward, where, "dm_env's")
+    _check_equal(f"discount {after}", 0.0 if terminated else 1.0, timestep.discount, where, "dm_env's")
+    ours, theirs = _arrays(info, "info"), _arrays(many_info, "info")
+    for key, array in ours.items():
+        # Lists of names are objects in the vectorised one, or missing.
+        if key in theirs and theirs[key].dtype != object:
+            shape = (len(actions), *array.shape)
+            _check_equal(f"shape in a batch of {key} {after}", shape, theirs[key].shape, where)
+            _check_equal(f"{key} {after}", array.tolist(), theirs[key][0].tolist(), where)
+    return bool(terminated or truncated)
 
 
 def _random_action(space: gymnasium.Space, generator: np.random.Generator) -> NDArray:
@@ -211,7 +241,8 @@ def _check_equal(what: str, found: Any, expected: Any, where: str, other: str = 
         raise ValueError(
             f"{what} of {where} is {checks.shown(found)} in the single environment and {checks.shown(expected)} in "
             f"{other} one: add observations, rewards and terminations to extra_observations, extra_rewards and "
-            "extra_terminations of the task, which act in all of them; see docs/guide/extending.md"
+            "extra_terminations of the task, which act in all of them, and compute each environment of a batch alone, "
+            "reducing along the last axis; see docs/guide/extending.md"
         )
 
 

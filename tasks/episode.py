@@ -18,7 +18,7 @@ from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.pushes import Push, Pusher
 from kitchen_suite.tasks.quality import Quality, QualityReading
 from kitchen_suite.tasks.simulation import Simulation
-from kitchen_suite.tasks.terms import Termination, Transition
+from kitchen_suite.tasks.terms import Termination
 from kitchen_suite.types import Array
 
 ACTION_DELAY = "sensing/action_delay"
@@ -169,7 +169,7 @@ class Stepper:
       simulation: the physics of one episode or of many.
       pusher: makes the pushes of episodes that have any.
       observations: what the task observes beside its own.
-      terminations: further reasons of the task to terminate an episode, by name.
+      terminations: further reasons of the task to terminate an episode, by name; they return fresh arrays.
       meter: reads what their quality is measured by; None if it is not measured.
     """
 
@@ -220,7 +220,7 @@ class Stepper:
             step.previous_observations = measured.values
             measured = Measured(values, self.observations.noise_buffers(values))
         if self.terminations:
-            terminations = self._extra_terminations(step)
+            terminations = {name: termination(step) for name, termination in self.terminations.items()}
         quality = state.quality
         if quality is not None:
             assert self.meter is not None, "the quality of episodes is measured"
@@ -230,11 +230,6 @@ class Stepper:
         return EpisodeState(
             after, acting.command, acting.sensing, acting.push, state.variation, measured, terminations, quality
         )
-
-    def _extra_terminations(self, step: Transition) -> dict[str, NDArray[np.bool_]]:
-        """Returns whether `(...)` each of the extra terminations ends the episode in a step."""
-        ended = {name: np.asarray(termination(step), bool) for name, termination in self.terminations.items()}
-        return {name: np.broadcast_to(each, step.action.shape[:-1]).copy() for name, each in ended.items()}
 
     def terminates(self, state: EpisodeState) -> NDArray[np.bool_]:
         """Returns whether `(...)` the last step terminated the episode."""

@@ -32,7 +32,16 @@ from kitchen_suite.tasks.quality import QualityMeter
 from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
 from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
-from kitchen_suite.tasks.terms import Observation, RewardTerm, Termination, added, added_functions, end_to_end
+from kitchen_suite.tasks.terms import (
+    Observation,
+    RewardTerm,
+    Termination,
+    added,
+    added_functions,
+    check_recordable,
+    end_to_end,
+    in_shape,
+)
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
 from kitchen_suite.types import Array
@@ -166,15 +175,17 @@ class SuiteTask(composer.Task):
         extras = ExtraObservables(scene, extra_observables)
         self.extras = extras if extras.size else None
         self.observations = ExtraObservations(added(self, "extra_observations"), type(self).__name__)
-        self.terminations: dict[str, Termination] = added_functions(self, "extra_terminations")
+        self.terminations: dict[str, Termination] = self._added_terms("extra_terminations", bool)
         own = self.observations.observables(self._measured)
         self.extra_observables: dict[str, observable.Observable] = joined(extras.by_name, own)
         self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
         self.scene = scene
         self.robot = scene.robot
         self.mdp = mdp
-        if extra_rewards := added_functions(self, "extra_rewards"):
+        if extra_rewards := self._added_terms("extra_rewards", np.float64):
             self.mdp = dataclasses.replace(mdp, rewards=self._joined_rewards(mdp.rewards, extra_rewards))
+        check_recordable(self.mdp.rewards, f"reward and extra_rewards of {type(self).__name__}")
+        check_recordable(self.terminations, f"extra_terminations of {type(self).__name__}")
         self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
         self.requests = Requests()
@@ -186,6 +197,10 @@ class SuiteTask(composer.Task):
         self._visualize_reward = False
         self.set_timesteps(control_timestep=self.default_control_timestep, physics_timestep=scene.physics_timestep)
 
+    def _added_terms(self, attribute: str, dtype: type) -> dict[str, Callable[[Any], Any]]:
+        """Returns the terms of an attribute by name: functions that return arrays `(...)` of a dtype."""
+        return in_shape(added_functions(self, attribute), attribute, dtype)
+
     @classmethod
     def _joined_rewards(
         cls, rewards: Mapping[str, RewardTerm], extra: Mapping[str, RewardTerm]
@@ -196,7 +211,11 @@ class SuiteTask(composer.Task):
         return {**rewards, **extra}
 
     def _make_observables(self) -> dict[str, observable.Observable]:
-        """Returns an enabled observable for each observation, by key, in order."""
+        """Returns an enabled observable for each observation, by key, in order.
+
+        Raises a ValueError where two observations have one key, or one has that of an entity's observable or of a
+        picture, which composer would observe in its place.
+        """
         entities = {
             key: own for entity in self.root_entity.iter_entities() for key, own in entity.observables.as_dict().items()
         }
@@ -220,6 +239,12 @@ class SuiteTask(composer.Task):
             for place, picture in enumerate(self.pictures.colour):
                 requests[f"{GOAL_PIXELS}/{picture.camera}"] = self._goal_picture(place)
         observed = joined(state, self.extra_observables, goals, requests)
+        others = {**entities, **self.pictures.by_name}
+        if taken := sorted(key for key, own in observed.items() if others.get(key, own) is not own):
+            raise ValueError(
+                "extra_observations must have other names than the observables of entities, enabled or not, and than "
+                f"pictures: {taken}"
+            )
         for part in observed.values():
             part.enabled = True
         return observed

@@ -5,7 +5,7 @@ import functools
 import itertools
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -13,8 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.names import MAX_NAME_PARTS
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.types import Array
+
+# Greatest number of parts in the name of a term: a recording has it as `info/reward/<name>`.
+_MAX_PARTS = MAX_NAME_PARTS - 2
 
 
 class Transition:
@@ -70,14 +74,39 @@ def added(task: object, attribute: str) -> dict[str, Any]:
         if not isinstance(own, Mapping):
             raise TypeError(f"{attribute} of {owner} must be a dict, got {checks.shown(own)}")
         for name, term in own.items():
-            if not isinstance(name, str) or not name or name.startswith("/") or name.endswith("/"):
-                raise ValueError(f"{attribute} of {owner} must have names as keys, got {checks.shown(name)}")
+            _check_name(name, f"{attribute} of {owner}")
             if term is None:
                 checks.choice(name, terms, f"term that {attribute} of {owner} removes")
                 del terms[name]
             else:
                 terms[name] = term
     return terms
+
+
+def check_recordable(names: Collection[str], what: str) -> None:
+    """Raises a ValueError for names of terms under which a recording could not hold their values.
+
+    Args:
+      names: of terms of the reward, or of terminations.
+      what: has these names, for messages.
+    """
+    for name in names:
+        _check_name(name, what)
+    if taken := sorted(checks.groups(names) & {*names}):
+        others = sorted(name for name in names if name.startswith(f"{taken[0]}/"))
+        raise ValueError(
+            f"{what} must not have both {taken[0]!r} and {others}, since a recording cannot hold an array and a group "
+            f"of one name: choose names that do not begin with {taken[0] + '/'!r}"
+        )
+
+
+def _check_name(name: object, what: str) -> None:
+    """Raises a ValueError for what is no name of a term."""
+    if not (isinstance(name, str) and name.isprintable() and all(name.split("/")) and name.count("/") < _MAX_PARTS):
+        raise ValueError(
+            f"{what} must have names as keys, of 1 to {_MAX_PARTS} printable parts with slashes between them, got "
+            f"{checks.shown(name)}"
+        )
 
 
 def added_functions(task: object, attribute: str) -> dict[str, Callable[[Any], Any]]:
@@ -88,6 +117,38 @@ def added_functions(task: object, attribute: str) -> dict[str, Callable[[Any], A
             owner = type(task).__name__
             raise TypeError(f"{attribute}[{name!r}] of {owner} must be a function, got {checks.shown(term)}")
     return terms
+
+
+def in_shape(terms: Mapping[str, Callable[[Any], Any]], attribute: str, dtype: type) -> dict[str, Callable[[Any], Any]]:
+    """Returns terms, by name, that return a fresh array `(...)` with an element for each episode of a step.
+
+    A Python number is that of all episodes. Another value of a wrong shape is refused rather than broadcast, since it
+    may have been reduced over all episodes of a batch. Arrays are copied, since views would change with the state.
+
+    Args:
+      terms: functions of a `Transition`.
+      attribute: where the task has them, such as `extra_rewards`, for messages.
+      dtype: of the arrays.
+
+    The terms raise a TypeError for what holds no numbers, and a ValueError for another shape.
+    """
+    return {name: _in_shape(term, f"{attribute}[{name!r}]", dtype) for name, term in terms.items()}
+
+
+def _in_shape(term: Callable[[Any], Any], name: str, dtype: type) -> Callable[[Any], NDArray[Any]]:
+    def value_of(step: Transition) -> NDArray[Any]:
+        shape, value = step.action.shape[:-1], term(step)
+        # NumPy's float64 is a float as well, but may be the maximum of a batch.
+        if type(value) in (bool, int, float):
+            return np.full(shape, value, dtype)
+        array = checks.array_of(value, name)
+        if array.dtype.kind not in "biuf":
+            raise TypeError(f"{name} must return numbers of the shape {shape}, got {checks.shown(value)}")
+        if array.shape != shape:
+            raise ValueError(f"{name} must have the shape {shape}, got {array.shape}: reduce along the last axis alone")
+        return np.array(array, dtype)
+
+    return value_of
 
 
 def total(terms: Mapping[str, Array]) -> Array:

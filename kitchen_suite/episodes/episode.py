@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks, files
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
+from kitchen_suite.names import MAX_NAME_PARTS
 from kitchen_suite.tasks.records import Metrics
 
 
@@ -41,9 +42,6 @@ class Step(NamedTuple):
 
 # Greatest magnitude of a recorded number, that from which MuJoCo takes the physics to have diverged (mjMAXVAL).
 MAX_VALUE = 1e10
-
-# Keys in each other in the name of an array.
-_MAX_DEPTH = 8
 
 # Name of the array of physics states.
 PHYSICS_STATE = "physics_state"
@@ -192,12 +190,10 @@ def _part(name: str) -> str:
 
 def _check_names(names: Collection[str]) -> None:
     """Raises a ValueError for a name that is too deep or has empty parts, or that is a group of other names as well."""
-    groups = {
-        "/".join(parts[:depth]) for parts in (name.split("/") for name in names) for depth in range(1, len(parts))
-    }
+    groups = checks.groups(names)
     for name in names:
         parts = name.split("/")
-        if len(parts) > _MAX_DEPTH or not all(parts):
+        if len(parts) > MAX_NAME_PARTS or not all(parts):
             raise ValueError(f"{checks.shown(name)} is no name of an array")
         if name in groups:
             raise ValueError(f"{checks.shown(name)} is the name of an array and the beginning of those of others")

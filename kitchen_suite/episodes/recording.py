@@ -104,8 +104,13 @@ class Recording:
     def append(self, episode: Episode) -> None:
         """Writes an episode as a compressed npz that `numpy.load` reads without pickle, with its metadata as JSON.
 
-        Raises a FileExistsError if there is one of its number: of several processes that write it, one succeeds.
+        Raises a FileExistsError if there is one of its number: of several processes that write it, one succeeds. Raises
+        a ValueError, with nothing written, if it could not be read again.
         """
+        try:
+            episode.check()
+        except ValueError as error:
+            raise ValueError(f"episode {episode.index} cannot be recorded: {error}") from error
         files.create_arrays(self._path(episode.index), episode.arrays, self._metadata(episode))
 
     def keep_aside(self, episode: Episode) -> Path:

@@ -1,5 +1,6 @@
 """Episodes whose arrays are not those of their task: refused where they are read, in one line."""
 
+import dataclasses
 import itertools
 import json
 import shutil
@@ -93,6 +94,20 @@ READERS = {
         ["--policy=zero", "--protocol=beso", f"--dataset={folder}", "--num_episodes=1", "--max_episode_steps=3"]
     ),
 }
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("kind", MISSHAPEN)
+def test_an_episode_that_could_not_be_read_is_not_written(runs, tmp_path, kind):
+    recording = Recording.open(runs)
+    episode = recording.load(0)
+    other = Recording.create(tmp_path / "other", recording.spec)
+    with pytest.raises(ValueError, match="episode 0 cannot be recorded") as raised:
+        other.append(dataclasses.replace(episode, arrays=arrays_of(MISSHAPEN[kind])(episode.arrays)))
+    assert_is_short(str(raised.value))
+    assert other.indices == []
+    other.append(episode)
+    assert other.load(0).digest == episode.digest
 
 
 @pytest.mark.full

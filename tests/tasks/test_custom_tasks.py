@@ -15,8 +15,10 @@ from docs_scripts import load_script
 from helpers.errors import refused
 from helpers.sweeps import brief
 
+import kitchen_suite
 from kitchen_suite import entities, suite, tasks
 from kitchen_suite.environment import Environment
+from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks import Observation, terms
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -390,6 +392,9 @@ def test_a_base_of_two_classes_does_not_undo_what_one_of_them_replaces():
         ({"up": 3}, TypeError, ("['up']", "3")),
         ({3: one}, ValueError, ("names as keys", "3")),
         ({"a/": one}, ValueError, ("names as keys", "'a/'")),
+        ({"a//b": one}, ValueError, ("names as keys", "'a//b'")),
+        ({"a\0b": one}, ValueError, ("names as keys", "printable", r"'a\x00b'")),
+        ({"a/b/c/d/e/f/g": one}, ValueError, ("names as keys", "1 to 6", "'a/b/c/d/e/f/g'")),
         ({"upp": None}, ValueError, ("removes", "'upp' does not exist", "'up'")),
     ],
 )
@@ -398,6 +403,223 @@ def test_terms_that_cannot_be_are_refused_by_the_name_of_their_class(value, erro
     task = type("Mine", (base,), {"extra_rewards": value})
     with refused(error, "extra_rewards", "Mine", *words):
         terms.added_functions(task(), "extra_rewards")
+
+
+# Names of terms that recordings hold
+
+
+def domain_of(task):
+    return suite.Domain(
+        "mine",
+        scene=DOMAINS["microwave_table"][0],
+        task=task,
+        tasks={"one": {}},
+        env_id="Mine/A-v1",
+        episode_steps=9,
+    )
+
+
+@pytest.mark.parametrize(
+    ("attribute", "names", "taken"),
+    [
+        ("extra_rewards", ["approach/left"], "'approach' and ['approach/left']"),
+        ("extra_rewards", ["grasp/left", "grasp", "grasp/right/up"], "'grasp' and ['grasp/left', 'grasp/right/up']"),
+        ("extra_terminations", ["below", "below/door"], "'below' and ['below/door']"),
+    ],
+)
+def test_a_name_that_is_a_group_of_other_terms_is_refused_when_the_task_is_built(attribute, names, taken):
+    task = type("Mine", (tasks.MicrowaveTableTask,), {attribute: dict.fromkeys(names, one)})
+    with refused(ValueError, f"{attribute} of Mine", taken, "choose names that do not begin with"):
+        domain_of(task).load(visuals=False)
+
+
+def test_terms_of_an_mdp_whose_names_no_recording_could_hold_are_refused():
+    lever = load_script("examples/my_domain")
+    scene = lever.build_lever_scene(visuals=False)
+    mdp = lever.LeverTask(scene).mdp
+    for name, words in (("push/left", "'push' and ['push/left']"), ("a//b", "'a//b'")):
+        other = dataclasses.replace(mdp, rewards={**mdp.rewards, name: one})
+        with refused(ValueError, "reward and extra_rewards of LeverTask", words):
+            tasks.SuiteTask.__init__(lever.LeverTask.__new__(lever.LeverTask), scene, other)
+
+
+@pytest.mark.full
+def test_names_that_do_not_begin_with_one_another_are_recorded_and_read_again(tmp_path):
+    names = ["approach_left", "grasp/left", "grasp/right/up", "a/b/c/d/e/f"]
+    terms = {"extra_rewards": dict.fromkeys(names, one), "extra_terminations": dict.fromkeys(names, lambda step: False)}
+    with registered("microwave_table", type("Mine", (tasks.MicrowaveTableTask,), terms)) as record:
+        spec = kitchen_suite.EnvironmentSpec.make(record.name, "one", {})
+        kitchen_suite.record(tmp_path / "runs", spec, "zero", num_episodes=1, num_threads=1)
+        (episode,) = Recording.open(tmp_path / "runs")
+    for name in names:
+        assert episode.arrays[f"info/reward/{name}"].tolist() == [0.0, *[1.0] * record.episode_steps]
+        assert episode.arrays[f"info/termination/{name}"].tolist() == [False] * (record.episode_steps + 1)
+
+
+# Shapes of terms
+
+
+def offset(step):
+    """A view of the state, of a quantity that is not 0 at a reset."""
+    return step.after.handle_offset[..., 0]
+
+
+@pytest.mark.full
+def test_python_numbers_and_views_of_the_state_are_terms_in_all_front_ends():
+    rewards = {"time": lambda step: -0.01, "count": lambda step: 2, "true": lambda step: True, "offset": offset}
+    terminations = {"never": lambda step: False, "far": lambda step: offset(step) > 100.0}
+    attributes = {"extra_rewards": rewards, "extra_terminations": terminations}
+    task = type("Mine", (tasks.MicrowaveTableTask,), attributes)
+    with registered("microwave_table", task) as record:
+        env = gymnasium.make(record.env_id, max_episode_steps=3)
+        envs = gymnasium.make_vec(record.env_id, 2, max_episode_steps=3)
+        env.reset(seed=1)
+        envs.reset(seed=0)
+        rng = np.random.default_rng(0)
+        # A step of the vectorised environments starts the next episodes, whose states must not share memory with terms.
+        for step in range(8):
+            actions = rng.normal(size=(2, 8)).clip(-1, 1).astype(np.float32)
+            many, rewards, terminations, _, infos = envs.step(actions)
+            if step % 4 == 3:
+                observation, info = env.reset()
+            else:
+                observation, reward, terminated, _, info = env.step(actions[1])
+                assert reward == rewards[1]
+                assert not terminated
+                assert not terminations[1]
+                assert [info[f"reward/{name}"] for name in ("time", "count", "true")] == [-0.01, 2.0, 1.0]
+            for name in ("time", "count", "true", "offset", "approach", "opening"):
+                assert info[f"reward/{name}"].dtype == infos[f"reward/{name}"].dtype == np.float64
+                assert infos[f"reward/{name}"].shape == (2,)
+                assert info[f"reward/{name}"] == infos[f"reward/{name}"][1]
+            for name in ("never", "far"):
+                assert infos[f"termination/{name}"].tolist() == [False, False]
+            np.testing.assert_array_equal(many[1], observation)
+        envs.close()
+
+
+ATTRIBUTES = ("extra_rewards", "extra_terminations")
+
+
+def with_term(attribute, term):
+    """A class of a task with a term `x`."""
+    return type("Mine", (tasks.MicrowaveTableTask,), {attribute: {"x": term}})
+
+
+@pytest.mark.parametrize("attribute", ATTRIBUTES)
+@pytest.mark.parametrize(
+    ("term", "error", "shown"),
+    [
+        (lambda step: step.after.joint_velocities, ValueError, "the shape (), got (9,): reduce along the last axis"),
+        (lambda step: step.after.joint_velocities[..., :1], ValueError, "the shape (), got (1,)"),
+        (lambda step: None, TypeError, "numbers of the shape (), got None"),
+        (lambda step: "1", TypeError, "numbers of the shape (), got '1'"),
+        (lambda step: [[1.0], [1.0, 2.0]], ValueError, "must be an array"),
+    ],
+)
+def test_a_term_of_another_shape_is_refused_at_the_first_step(attribute, term, error, shown):
+    environment = Environment(with_term(attribute, term)(entities.build_microwave_table_scene(visuals=False)))
+    environment.reset()
+    with refused(error, f"{attribute}['x']", shown):
+        environment.step(np.zeros(8))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("attribute", ATTRIBUTES)
+@pytest.mark.parametrize("reduce", [np.max, np.any])
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_term_that_is_reduced_over_a_batch_is_refused_and_not_broadcast(attribute, reduce, count):
+    def over_all(step):
+        return reduce(np.abs(step.after.joint_velocities) > 0.5)
+
+    def of_each(step):
+        return reduce(np.abs(step.after.joint_velocities) > 0.5, axis=-1)
+
+    envs = SuiteVectorEnv(count, domain=_temporary("microwave_table", with_term(attribute, over_all)))
+    envs.reset(seed=0)
+    with refused(ValueError, f"{attribute}['x'] must have the shape ({count},), got (): reduce along the last axis"):
+        envs.step(np.zeros((count, 8)))
+    envs = SuiteVectorEnv(count, domain=_temporary("microwave_table", with_term(attribute, of_each)))
+    envs.reset(seed=0)
+    *_, infos = envs.step(np.zeros((count, 8)))
+    assert infos[f"{attribute.removeprefix('extra_').removesuffix('s')}/x"].shape == (count,)
+
+
+# Mixing of the environments of a batch
+
+
+def speeds(step):
+    return np.abs(step.after.joint_velocities)
+
+
+def slowed(simulation, state, **axis):
+    """Velocities in comparison with the greatest one."""
+    return state.joint_velocities / (1.0 + np.abs(state.joint_velocities).max(**axis))
+
+
+def ended(step, **axis):
+    return np.full(step.action.shape[:-1], (speeds(step) > 2.0).any(**axis))
+
+
+# By what differs: a term that mixes the environments of a batch, and one that computes each alone.
+MIXING = {
+    "reward/x": (
+        {"extra_rewards": {"x": lambda step: -(speeds(step) / speeds(step).max()).max(axis=-1)}},
+        {"extra_rewards": {"x": lambda step: -(speeds(step) / speeds(step).max(axis=-1, keepdims=True)).max(axis=-1)}},
+    ),
+    "termination": (
+        {"extra_terminations": {"x": ended}},
+        {"extra_terminations": {"x": lambda step: ended(step, axis=-1)}},
+    ),
+    "observation": (
+        {"extra_observations": {"x": Observation(slowed)}},
+        {"extra_observations": {"x": Observation(lambda *state: slowed(*state, axis=-1, keepdims=True))}},
+    ),
+}
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("what", MIXING)
+def test_what_mixes_the_environments_of_a_batch_is_refused_at_registration(what):
+    mixing, alone = (type("Mine", (tasks.MicrowaveTableTask,), attributes) for attributes in MIXING[what])
+    with (
+        refused(ValueError, what.partition("/")[0], "single", "vectorised", "reducing along the last axis"),
+        registered("microwave_table", mixing),
+    ):
+        pass
+    with registered("microwave_table", alone) as record:
+        assert suite.DOMAINS[record.name] is record
+
+
+@pytest.mark.full
+def test_a_reward_of_an_mdp_that_has_no_number_for_each_environment_is_refused_at_registration():
+    lever = load_script("examples/my_domain")
+
+    def task_with(term):
+        class Task(lever.LeverTask):
+            def __init__(self, scene, **options):
+                super().__init__(scene, **options)
+                self.mdp = dataclasses.replace(self.mdp, rewards={**self.mdp.rewards, "time": term})
+
+        return Task
+
+    def register(term):
+        record = suite.Domain(
+            "mine",
+            scene=lever.build_lever_scene,
+            task=task_with(term),
+            tasks={"one": {}},
+            env_id="Custom/Mine-v1",
+            episode_steps=9,
+        )
+        suite.register(record)
+        del suite._domains["mine"]
+        for env_id in {record.env_id, *record.task_ids.values()}:
+            del gymnasium.registry[env_id]
+
+    with refused(ValueError, "shape in a batch of info['reward/time']", "(2,)", "()"):
+        register(lambda step: -0.01)
+    register(lambda step: np.full(step.action.shape[:-1], -0.01))
 
 
 # Hooks
@@ -480,6 +702,38 @@ def test_observations_must_not_take_the_names_of_the_tasks_own(domain, taken):
     task = type("Mine", (base,), {"extra_observations": {taken: Observation(lambda simulation, state: [0.0])}})
     with refused(ValueError, "other names", taken):
         task(build(visuals=False))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize("kind", ["observable of an attached entity", "observable of the robot", "picture"])
+def test_observations_must_not_take_names_under_which_composer_observes_something_else(domain, kind):
+    build, base, place = DOMAINS[domain]
+    taken, free = {
+        "observable of an attached entity": ("mug/position", "mug/place"),
+        "observable of the robot": ("franka/end_effector_position", "franka/hand"),
+        "picture": ("mug/depth", "mug/deep"),
+    }[kind]
+
+    def task_with(name):
+        class Task(base):
+            extra_observations = {name: Observation(position)}
+
+            def __init__(self, scene, **options):
+                scene.attach(mug(), pos=place)
+                scene.arena.mjcf_model.worldbody.add("camera", name="mug", pos=(0.0, 0.0, 3.0))
+                super().__init__(scene, **options, cameras=["mug"], depth=True)
+
+        return Task(build(visuals=False))
+
+    with refused(ValueError, "extra_observations must have other names", "entities", "pictures", f"['{taken}']"):
+        task_with(taken)
+    environment = Environment(task_with(free))
+    # Without the pictures, nothing is rendered.
+    for picture in environment.task.pictures.by_name.values():
+        picture.enabled = False
+    timestep = environment.reset()
+    np.testing.assert_array_equal(np.ravel(timestep.observation[free]), environment.physics.named.data.xpos["mug/"])
 
 
 def test_attributes_of_an_observation_are_checked():
