@@ -592,6 +592,15 @@ def test_what_mixes_the_environments_of_a_batch_is_refused_at_registration(what)
 
 
 @pytest.mark.full
+def test_nan_is_the_same_in_all_environments_at_registration():
+    rewards = {"x": lambda step: np.full(step.action.shape[:-1], np.nan)}
+    observations = {"x": Observation(lambda simulation, state: np.full_like(state.joint_velocities, np.nan))}
+    attributes = {"extra_rewards": rewards, "extra_observations": observations}
+    with registered("microwave_table", type("Mine", (tasks.MicrowaveTableTask,), attributes)) as record:
+        assert np.isnan(gymnasium.make(record.env_id).unwrapped.reset(seed=0)[0]).any()
+
+
+@pytest.mark.full
 def test_a_reward_of_an_mdp_that_has_no_number_for_each_environment_is_refused_at_registration():
     lever = load_script("examples/my_domain")
 
