@@ -57,6 +57,7 @@ def test_an_episode_is_that_of_the_gymnasium_environment():
     assert episode.summary.total_reward == episode.arrays["reward"].sum()
 
 
+@pytest.mark.full
 def test_the_environments_of_a_recording_are_played_and_recorded_again(tmp_path):
     spec = EnvironmentSpec.make("open_cabinet", None, {}, 3)
     first = kitchen_suite.record(tmp_path / "first", spec, "random", num_episodes=1, seed=5)
@@ -194,6 +195,7 @@ def test_a_recording_of_an_object_is_not_continued_by_another_one(tmp_path):
         kitchen_suite.evaluate(of_batch, takes="batch", output=tmp_path / "evaluation", resume=True)
 
 
+@pytest.mark.full
 def test_arguments_of_numpy_are_those_of_python(tmp_path):
     given = {"threshold": np.float64(0.25), "tasks_to_complete": np.array(["kettle"])}
     spec = EnvironmentSpec.make("kitchen", "all", given, np.int64(LIMIT))
@@ -204,6 +206,7 @@ def test_arguments_of_numpy_are_those_of_python(tmp_path):
     assert [episode.seed for episode in Recording.open(tmp_path / "runs")] == [3]
 
 
+@pytest.mark.full
 def test_an_evaluation_of_numbers_of_numpy_can_be_written(tmp_path):
     receipt = tmp_path / "receipt.npz"
     arguments = {"task_name": "kettle", "max_episode_steps": np.int16(3), "receipt": receipt}
