@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import threading
 
 import gymnasium
@@ -69,6 +70,8 @@ def open_environments(monkeypatch):
     found = []
     build, close = SuiteEnv.__init__, SuiteEnv.close
 
+    # With the signature of the class, which is inspected once, and would be this function's in later tests.
+    @functools.wraps(build)
     def built(self, *arguments, **options):
         build(self, *arguments, **options)
         found.append(self)
