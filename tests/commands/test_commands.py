@@ -153,6 +153,7 @@ def test_a_recording_of_a_users_own_domain_is_replayed_and_completed_by_other_pr
     assert json.loads(own_domain.joinpath("runs", "recording.json").read_text())["domain_name"] == TINY_OWN[0][14:]
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("own_domain")
 def test_load_takes_a_domain_of_the_users_own_and_registers_it_once():
     assert suite.load("own_domain:TABLE", "open", {"visuals": False}).control_timestep() > 0

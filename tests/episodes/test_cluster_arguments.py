@@ -185,6 +185,7 @@ def test_rewards_of_a_rollout_do_not_depend_on_what_the_worker_played_before(mon
     np.testing.assert_array_equal(first.arrays["reward"], again.arrays["reward"])
 
 
+@pytest.mark.full
 def test_a_worker_with_other_versions_is_refused():
     versions = installed_versions()
     arguments = (spec_of("kettle"), PolicyRef.parse("random"), 1, 1)

@@ -386,6 +386,7 @@ def test_conditions_of_groups_that_a_domain_does_not_have_are_left_out():
     assert made.replaced == []
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("protocol", "kwargs"), [("default", {}), ("shift", {}), ("clean", {"quality": True})])
 def test_a_domain_without_variations_is_evaluated(protocol, kwargs):
     domain = load_script("examples/my_domain").LEVER

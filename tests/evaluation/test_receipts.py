@@ -532,6 +532,7 @@ def test_an_episode_that_goes_on_is_not_played_to_its_end(run, short, tmp_path):
     assert "control_steps 12, replayed 13" in out
 
 
+@pytest.mark.full
 def test_a_receipt_does_not_import_the_robot_that_it_names(short, tmp_path, monkeypatch):
     (tmp_path / "planted.py").write_text("raise SystemExit('imported')\n", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)

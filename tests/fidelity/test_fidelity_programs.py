@@ -253,6 +253,7 @@ def test_a_program_for_the_original_computes_the_same_numbers(program):
     assert_equal(program(FrankaKitchenEnv()), expected)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "options", [{}, {"physics": "fast"}, {"control_mode": "ee_delta_pose"}, {"variations": ["layout"]}]
 )
@@ -383,6 +384,7 @@ def test_an_attribute_that_is_missing_is_an_attribute_error(name):
         assert "env.unwrapped.environment.physics" in str(raised.value)
 
 
+@pytest.mark.full
 def test_an_attribute_may_be_assigned_the_value_it_has():
     ours = FrankaKitchenEnv(render_mode="rgb_array")
     ours.robot_env.render_mode = "rgb_array"
@@ -436,6 +438,7 @@ def test_copies_keep_what_a_program_wrote(make_copy):
     assert other.data.qpos[MICROWAVE] == -0.3
 
 
+@pytest.mark.full
 def test_what_is_read_can_be_copied_and_sent_to_processes():
     ours = FrankaKitchenEnv(tasks_to_complete=["microwave", "kettle"])
     ours.reset(seed=0)

@@ -122,6 +122,7 @@ def test_bad_options_are_refused(environment, options, error, shown):
         environment.reset(options=options)
 
 
+@pytest.mark.full
 def test_a_number_needs_tasks_that_are_drawn():
     environment = FrankaKitchenEnv(visuals=False)
     with pytest.raises(ValueError, match=r"task_id .*tasks_per_episode"):

@@ -53,6 +53,7 @@ def test_where_something_varies_a_policy_that_was_trained_with_variations_is_pre
     assert shipped(suite.load("kitchen", task, {"visuals": False, "variations": variations}).task).stem == "kitchen"
 
 
+@pytest.mark.full
 def test_the_policy_of_the_kitchen_is_not_for_tasks_beyond_the_seven():
     with pytest.raises(ValueError, match=r"no trained policy .*kitchen"):
         shipped(suite.load("kitchen", "close_microwave", {"visuals": False}).task)

@@ -361,6 +361,7 @@ def test_a_ball_may_turn_as_far_as_a_hinge():
     assert TOLERANCES["ball"] == pytest.approx(np.linalg.norm(turned - [1.0, 0.0, 0.0, 0.0]))
 
 
+@pytest.mark.full
 def test_objects_may_be_held_by_other_constraints_than_those_of_joints():
     scene = build_kitchen_scene()
     mug = Primitive(geom_type="cylinder", size=(0.035, 0.05), name="mug")

@@ -100,6 +100,7 @@ def test_the_suite_and_its_policies_tell_such_tasks_apart():
     assert environment.task.policy_inputs.names[0] == "seven_in_turn"
 
 
+@pytest.mark.full
 def test_bad_arguments_are_refused():
     with refused(ValueError, "tasks_in_turn", "tasks_per_episode"):
         FrankaKitchenEnv(tasks_in_turn=True)

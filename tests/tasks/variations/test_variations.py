@@ -134,6 +134,7 @@ def load_kitchen():
     return env, {parameter.name: parameter for parameter in offered}
 
 
+@pytest.mark.full
 def test_parameters_of_another_scene_are_drawn_and_set():
     env, offered = load_kitchen()
     microwave = env.task.scene.props["microwave"]
