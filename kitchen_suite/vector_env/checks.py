@@ -42,9 +42,10 @@ def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | No
     """
     if value is None:
         return [None] * count
-    is_array = isinstance(value, np.ndarray) and value.ndim > 0
-    if is_array or (isinstance(value, Sequence) and not isinstance(value, str | bytes)):
-        each = list(value)
+    if isinstance(value, np.ndarray) and value.ndim:
+        value = value.tolist()
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        each = [*value]
     else:
         first = checks.integer(value, "seed", minimum=0)
         each = list(range(first, first + count))
