@@ -277,6 +277,15 @@ def unique_names(values: object, name: str, *, minimum: int = 1) -> tuple[object
     return result
 
 
+def arguments(value: object, name: str) -> Mapping[str, Any]:
+    """Returns arguments by name, where `name` holds a mapping of them, or None for no arguments."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{name} must be a dict or None, got {shown(value)}")
+    return value
+
+
 def groups(names: Iterable[str]) -> set[str]:
     """Returns the groups of names whose parts have slashes between them: of `a/b/c`, these are `a` and `a/b`."""
     paths = [name.split("/") for name in names]

@@ -341,11 +341,10 @@ def load(
       ValueError: an unknown domain or task, or a value that is refused.
     """
     task = task_arguments(domain_name, task_name)
-    for name, kwargs in (("task_kwargs", task_kwargs), ("environment_kwargs", environment_kwargs)):
-        if kwargs is not None and not isinstance(kwargs, Mapping):
-            raise TypeError(f"{name} must be a dict or None, got {checks.shown(kwargs)}")
-    check_not_fixed(domain_name, task_name, task_kwargs or {})
-    arguments = {**task, **(task_kwargs or {})}
+    given = checks.arguments(task_kwargs, "task_kwargs")
+    checks.arguments(environment_kwargs, "environment_kwargs")
+    check_not_fixed(domain_name, task_name, given)
+    arguments = {**task, **given}
     environment = find_domain(domain_name).load(**arguments, environment_kwargs=environment_kwargs)
     environment.task.visualize_reward = visualize_reward
     return environment

@@ -61,7 +61,7 @@ class EnvironmentSpec:
           TypeError: an argument has another type, or one that JSON cannot hold.
           ValueError: an argument is not valid, or there is no such domain or task.
         """
-        task_kwargs = task_kwargs or {}
+        task_kwargs = checks.arguments(task_kwargs, "task_kwargs")
         task_name = suite.default_task(domain_name) if task_name is None else task_name
         if max_episode_steps is not None:
             checks.integer(max_episode_steps, "max_episode_steps", minimum=1)

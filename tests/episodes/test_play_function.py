@@ -220,6 +220,12 @@ def test_no_arguments_are_the_defaults():
     assert EnvironmentSpec.make("kitchen", "kettle", None) == EnvironmentSpec.make("kitchen", "kettle", {})
 
 
+@pytest.mark.parametrize("value", ["", 0, [], [("threshold", 0.3)]])
+def test_arguments_that_are_no_dict_are_refused(value):
+    with refused(TypeError, "task_kwargs must be a dict or None", repr(value)):
+        EnvironmentSpec.make("kitchen", "kettle", value)
+
+
 def test_an_argument_that_json_cannot_hold_is_refused():
     with refused(TypeError, "threshold must consist of what JSON can hold"):
         EnvironmentSpec.make("kitchen", "kettle", {"threshold": {0.3}})
