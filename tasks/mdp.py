@@ -52,11 +52,6 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """Parts of these numbers that variations can scale, by name."""
         return {"noise": slice(self.noise_draws)} if self.noise_draws else {}
 
-    def draw_noise(self, random_state: np.random.RandomState) -> Array:
-        """Returns draws `(noise_draws,)` from U(-1, 1); `vector_env.episodes` draws the same numbers in another way."""
-        size = self.noise_draws
-        return random_state.uniform(-1.0, 1.0, size) if size else np.zeros(0)
-
     @abc.abstractmethod
     def initial_state(self, reading: Reading, draws: Array) -> State:
         """Returns the state before the first step.

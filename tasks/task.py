@@ -20,22 +20,28 @@ from kitchen_suite import checks
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.names import ANY_ENVIRONMENT, EnvironmentClasses
-from kitchen_suite.tasks.control_modes.mode import MEDIAN, ActionMode
-from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper, sensing_parameters
-from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
+from kitchen_suite.tasks.control_modes.mode import ActionMode
+from kitchen_suite.tasks.episode.draws import NoDraws, SingleDraws
+from kitchen_suite.tasks.episode.observations import ExtraObservations, Measured
+from kitchen_suite.tasks.episode.part import EpisodePart
+from kitchen_suite.tasks.episode.pushes import Pushes
+from kitchen_suite.tasks.episode.quality import QualityMeter
+from kitchen_suite.tasks.episode.quantities import NamedQuantities
+from kitchen_suite.tasks.episode.runner import EpisodeRunner
+from kitchen_suite.tasks.episode.sensing import Sensing
+from kitchen_suite.tasks.episode.state import EpisodeState
+from kitchen_suite.tasks.episode.terminations import Terminations
 from kitchen_suite.tasks.goals import checked_instructions
 from kitchen_suite.tasks.mdp import MDP
-from kitchen_suite.tasks.observables import GOAL_PIXELS, Computed, ExtraObservables, Pictures, joined
+from kitchen_suite.tasks.observables import Computed, joined
+from kitchen_suite.tasks.pictures import GOAL_PIXELS, Pictures
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
-from kitchen_suite.tasks.pushes import PARAMETERS, Pusher
-from kitchen_suite.tasks.quality import QualityMeter
 from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
-from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
+from kitchen_suite.tasks.simulation import PhysicsSimulation
 from kitchen_suite.tasks.terms import (
     Observation,
     RewardTerm,
-    Termination,
     added,
     added_functions,
     check_recordable,
@@ -101,15 +107,16 @@ class SuiteTask(composer.Task):
       records: reads metrics and completions from infos and recordings of the task.
       policy_inputs: the observation as trained policies take it; from the compilation on.
       observed: the enabled observables of the task by observation key, in order.
-      extras: quantities of `extra_observables` that are observed beside the task's own; None if there are none.
+      quantities: those of `extra_observables` that are observed beside the task's own.
       observations: the `extra_observations` of the class and of those that it extends.
-      terminations: their `extra_terminations`.
       extra_observables: the observables of both by observation key.
       extra_slices: slice of each among their elements, which are the last ones of the state; from the compilation on.
       extra_size: number of their elements; from the compilation on.
+      flat_slices: slice of each observation in `flat_observation`, in order; from the compilation on.
       pictures: the pictures of cameras that are observed.
-      pusher: makes the pushes of episodes; from the compilation on.
       meter: measures the quality of episodes; None unless `measure_quality` was called.
+      parts: the optional parts of the task's episodes by name, in their order; from the compilation on.
+      runner: runs the episodes; from the compilation on.
       simulation: access to the fields of the physics; from the compilation on.
       random: the random state that the environment last passed to the task.
       episode: state of the present episode; arrays without leading axes, not to be written to.
@@ -134,11 +141,13 @@ class SuiteTask(composer.Task):
 
     variations: Variations
     policy_inputs: PolicyInputs
-    pusher: Pusher
+    parts: Mapping[str, EpisodePart]
+    runner: EpisodeRunner
     simulation: PhysicsSimulation
     random: np.random.RandomState
     extra_slices: Mapping[str, slice]
     extra_size: int
+    flat_slices: Mapping[str, slice]
     meter: QualityMeter | None = None
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -172,12 +181,11 @@ class SuiteTask(composer.Task):
           variation_split: which distributions of the groups are drawn from, `seen` or `held_out`.
           **pictures: `cameras`, `image_size`, `depth` and `segmentation`; see `Pictures`.
         """
-        extras = ExtraObservables(scene, extra_observables)
-        self.extras = extras if extras.size else None
+        self.quantities = NamedQuantities(scene, extra_observables)
         self.observations = ExtraObservations(added(self, "extra_observations"), type(self).__name__)
-        self.terminations: dict[str, Termination] = self._added_terms("extra_terminations", bool)
+        terminations = self._added_terms("extra_terminations", bool)
         own = self.observations.observables(self._measured)
-        self.extra_observables: dict[str, observable.Observable] = joined(extras.by_name, own)
+        self.extra_observables: dict[str, observable.Observable] = joined(self.quantities.by_name, own)
         self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
         self.scene = scene
         self.robot = scene.robot
@@ -185,7 +193,15 @@ class SuiteTask(composer.Task):
         if extra_rewards := self._added_terms("extra_rewards", np.float64):
             self.mdp = dataclasses.replace(mdp, rewards=self._joined_rewards(mdp.rewards, extra_rewards))
         check_recordable(self.mdp.rewards, f"reward and extra_rewards of {type(self).__name__}")
-        check_recordable(self.terminations, f"extra_terminations of {type(self).__name__}")
+        check_recordable(terminations, f"extra_terminations of {type(self).__name__}")
+        # In the order in which they act in a control step.
+        self._offered_parts: list[EpisodePart] = [
+            Sensing(self.mdp, scene.robot),
+            Pushes(scene, self.mdp),
+            *([self.quantities] if self.quantities.size else []),
+            *([self.observations] if self.observations.by_name else []),
+            *([Terminations(terminations)] if terminations else []),
+        ]
         self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
         self.requests = Requests()
@@ -277,7 +293,7 @@ class SuiteTask(composer.Task):
           parameters: those of the task, beside the parameters of sensing and of pushes.
           **arguments: further ones of `Variations`.
         """
-        own = (*sensing_parameters(self.mdp.noise_parts), *PARAMETERS, *parameters)
+        own = (*(each for part in self._offered_parts for each in part.parameters), *parameters)
         self.variations = Variations(
             self.scene, self.varied, *self._requested_variations, handles=handles, parameters=own, **arguments
         )
@@ -308,6 +324,7 @@ class SuiteTask(composer.Task):
         It must come after `use_control_timestep`, and after all entities have been attached.
         """
         self.meter = QualityMeter(self.scene, self.mdp, self.physics_steps_per_control_step)
+        self._offered_parts.append(self.meter)
 
     @property
     def root_entity(self) -> SiteArena:
@@ -354,6 +371,11 @@ class SuiteTask(composer.Task):
         return self.episode.mdp_state
 
     @property
+    def flat_observation(self) -> Array:
+        """The present observation of Gymnasium's environments without goals and pictures, `(m,)`, in a fresh array."""
+        return self.runner.observation(self.episode)
+
+    @property
     def reward_terms(self) -> dict[str, float]:
         """The terms of the last step's reward by name; zeros before the first step of an episode."""
         return {name: float(term) for name, term in self.state.terms.items()}
@@ -384,15 +406,16 @@ class SuiteTask(composer.Task):
     @property
     def quality(self) -> dict[str, float]:
         """The quality of the present episode by name, as infos have it; empty if it is not measured."""
-        quality = self.episode.quality
-        return {} if quality is None else {name: value.item() for name, value in quality.info().items()}
+        if self.meter is None:
+            return {}
+        return {name: value.item() for name, value in self.episode.parts[self.meter.name].info().items()}
 
     @property
     def disturbed_objects(self) -> list[str]:
         """Joints of the objects that the present episode has disturbed; empty if its quality is not measured."""
-        if self.meter is None or self.episode.quality is None:
+        if self.meter is None:
             return []
-        disturbed = self.episode.quality.disturbed.tolist()
+        disturbed = self.episode.parts[self.meter.name].disturbed.tolist()
         return [name for name, is_disturbed in zip(self.meter.objects, disturbed, strict=True) if is_disturbed]
 
     @property
@@ -407,7 +430,7 @@ class SuiteTask(composer.Task):
 
     def get_state(self) -> dict[str, Any]:
         """Returns the task's state beside the physics: nested dicts of strings and fresh arrays."""
-        return {**self.saved_state(), **self.episode.memory(), **self.variations.info}
+        return {**self.saved_state(), **self.runner.saved(self.episode), **self.variations.info}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Sets a state that `get_state` returned.
@@ -418,7 +441,7 @@ class SuiteTask(composer.Task):
         values = self.variations.randomizer.checked(state.get("variation_values", {}))
         self.restore_state(state)
         self.variations.restore(values, int(state.get("layout_refusals", 0)))
-        self.episode = self.episode.with_memory(state)._replace(variation=self.variations.info)
+        self.episode = self.runner.restored(self.episode, state)._replace(variation=self.variations.info)
 
     def saved_state(self) -> dict[str, Any]:
         """Returns what `get_state` returns of the MDP's state, and what else the task keeps."""
@@ -447,38 +470,36 @@ class SuiteTask(composer.Task):
 
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random = random_state
-        mdp, self.simulation = self.mdp, PhysicsSimulation(physics)
-        self.pusher = Pusher.make(physics, self.scene, mdp)
-        self._stepper = Stepper(mdp, self.simulation, self.pusher, self.observations, self.terminations, self.meter)
-        mdp.sensors.bind(physics)
-        mdp.action_mode.bind(physics, self.robot, self.control_timestep)
+        self.simulation = PhysicsSimulation(physics)
+        self.mdp.sensors.bind(physics)
+        self.mdp.action_mode.bind(physics, self.robot, self.control_timestep)
         self.variations.bind(physics)
-        self._joint_columns = as_columns(physics.bind(self.robot.joints).qposadr)
-        if self.extras is not None:
-            self.extras.bind(physics)
-        if self.meter is not None:
-            self.meter.bind(physics)
+        varied = {*self.variations.randomizer.names}
+        self.parts = {part.name: part for part in self._offered_parts if part.takes_part(varied)}
+        for part in self.parts.values():
+            part.bind(physics)
+        self.runner = EpisodeRunner(self.mdp, self.simulation, self.mdp.sensors, self.parts)
         (self._action_size,) = self.action_spec(physics).shape
         self.bind(physics)
-        self._start(physics, np.zeros(mdp.noise_draws))
+        self._set_episode(self.runner.start(self, physics, NoDraws(), self.episode), physics)
         self._find_sizes()
 
     def _measured(self) -> Measured:
-        assert self.episode.measured is not None, "the scene is compiled"
-        return self.episode.measured
+        measured: Measured = self.episode.parts[self.observations.name]
+        return measured
 
     def _find_sizes(self) -> None:
         """Finds the numbers of elements of the observations, which are known once the scene is compiled."""
-        sizes = (
-            {} if self.extras is None else {name: part.stop - part.start for name, part in self.extras.slices.items()}
-        )
-        measured = self.episode.measured
-        if measured is not None:
+        sizes = {name: part.stop - part.start for name, part in self.quantities.slices.items()}
+        if self.observations.by_name:
+            measured = self._measured()
             sizes |= {name: self.observations.shown(measured, name).size for name in self.observations.enabled}
         self.extra_slices = end_to_end(sizes)
         self.extra_size = sum(sizes.values())
-        own = self.mdp.clean_observation(self.simulation, self.state).size
-        self.policy_inputs = self.make_policy_inputs(own + self.extra_size)
+        read = {key: term.read(self.simulation, self.state) for key, term in self.mdp.observations.items()}
+        own = {key: np.size(value) for key, value in read.items()}
+        self.flat_slices = end_to_end({**own, **sizes})
+        self.policy_inputs = self.make_policy_inputs(sum(own.values()) + self.extra_size)
 
     def make_policy_inputs(self, state_size: int) -> PolicyInputs:
         """Returns the observation as trained policies take it, given the number of elements of the state."""
@@ -486,19 +507,13 @@ class SuiteTask(composer.Task):
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random = random_state
-        reset, self._reset = self._reset, Reset()
-        self.requests.draw(random_state, reset.request)
-        self.reset_physics(physics, random_state)
-        self.variations.draw(physics, random_state, reset.variation)
-        self._start(physics, self.mdp.draw_noise(random_state))
-        self._draw_noise_of_observations(random_state)
+        reset = self._reset
+        self._reset = Reset()
+        self._set_episode(self.runner.reset(self, physics, random_state, reset, self.episode), physics)
 
-    def _draw_noise_of_observations(self, random_state: np.random.RandomState) -> None:
-        """Draws the noise of the extra observations."""
-        measured = self.episode.measured
-        if measured is not None:
-            noisy = self.observations.corrupt(measured.values, random_state)
-            self.episode = self.episode._replace(measured=measured._replace(noisy=noisy))
+    def read_evaluated(self) -> None:
+        """Measures what is not saved anew, in a physics that is evaluated after a reset or a saved state."""
+        self.episode = self.runner.evaluated(self.episode)
 
     def checked_action(self, action: ArrayLike) -> Array:
         """Returns an action as a fresh float64 array.
@@ -513,28 +528,18 @@ class SuiteTask(composer.Task):
 
     def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
         """Sets the actuators' targets for the whole control step; raises as `checked_action`."""
-        self.random, mode = random_state, self.mdp.action_mode
+        self.random = random_state
         checked = self.checked_action(action)
-        if mode.reads_derived and not physics.legacy_step:
+        if self.mdp.action_mode.reads_derived and not physics.legacy_step:
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
-        draw = random_state.random_sample() if mode.draws else MEDIAN
-        self._acting = self._stepper.act(self.episode, checked, draw)
-        self.simulation.write("ctrl", self.mdp.sensors.ctrl, self._acting.ctrl)
+        self._acting = self.runner.act(self.episode, checked, SingleDraws(random_state))
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        self.random, mdp = random_state, self.mdp
+        self.random = random_state
         if not physics.legacy_step:
             # MuJoCo's own step leaves kinematics and sensors as they were before it.
-            mdp.sensors.refresh(physics)
-            if self.extras is not None:
-                self.extras.refresh(physics)
-            if self.observations.by_name:
-                self.simulation.evaluate()
-        reading = mdp.sensors.read(self.simulation)
-        draws = mdp.draw_noise(random_state)
-        self._set_episode(self._stepper.advance(self.episode, self._acting, reading, draws), physics)
-        if self.observations.by_name:
-            self._draw_noise_of_observations(random_state)
+            self.runner.refresh(physics)
+        self._set_episode(self.runner.advance(self.episode, self._acting, SingleDraws(random_state)), physics)
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         return float(self.mdp.reward(self.state))
@@ -545,42 +550,14 @@ class SuiteTask(composer.Task):
     def get_discount(self, physics: mjcf.Physics) -> float:
         return 0.0 if self._terminates else 1.0
 
-    def _start(self, physics: mjcf.Physics, draws: Array) -> None:
-        """Sets the state before the first step; `draws` as in `MDP.initial_state`."""
-        mdp, before = self.mdp, self.episode.mdp_state
-        mdp.sensors.refresh(physics)
-        positions = np.array(self.simulation.read("qpos", self._joint_columns))
-        values = self.variations.randomizer.values
-        start = EpisodeState(
-            sensing=Sensing.start(values, mdp, self.robot.holding_targets(positions)),
-            push=self.pusher.start(values, self.simulation),
-            variation=self.variations.info,
-        )
-        state = self.initial_state(start.scaled(draws))
-        episode = start._replace(mdp_state=state, terminations=dict.fromkeys(self.terminations, np.array(False)))
-        if self.observations.by_name:
-            self.simulation.evaluate()
-            values = self.observations.measure(self.simulation, state, ())
-            episode = episode._replace(measured=Measured(values, self.observations.noise_buffers(values)))
-        if self.meter is not None:
-            episode = episode._replace(quality=self.meter.start(physics, self.simulation, state))
-        self._set_episode(episode if before is None else episode.keep_fields(mdp.persistent, before, True), physics)
-        self.start_command(physics)
-
-    def start_command(self, physics: mjcf.Physics) -> None:
-        """Makes the control mode start from the present state of the physics."""
-        if self.mdp.action_mode.reads_derived:
-            mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
-        self.episode = self.episode._replace(command=self.mdp.action_mode.start(self.simulation))
-
     def set_mdp_state(self, state: Any, physics: mjcf.Physics | None = None) -> None:
         """Sets the MDP's state, and publishes it."""
         self._set_episode(self.episode._replace(mdp_state=state), physics)
 
     def _set_episode(self, episode: EpisodeState, physics: mjcf.Physics | None) -> None:
         """Sets the state of the episode, and publishes it."""
-        self.episode, state = episode, episode.mdp_state
-        # composer asks twice.
-        self._terminates = bool(self._stepper.terminates(episode))
-        self.truncates = bool(self.mdp.truncates(state))
+        self.episode = episode
+        # composer asks for both of them twice.
+        self._terminates = bool(self.runner.terminates(episode))
+        self.truncates = bool(self.mdp.truncates(episode.mdp_state))
         self.publish(physics)

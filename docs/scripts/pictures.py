@@ -31,7 +31,7 @@ from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, rotations
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.microwave_table.task import GOAL
-from kitchen_suite.tasks.observables import DEFAULT_SIZE
+from kitchen_suite.tasks.pictures import DEFAULT_SIZE
 from kitchen_suite.tasks.variations.distributions import SPLITS
 
 PICTURE_HEIGHT, PICTURE_WIDTH = 480, 640

@@ -35,13 +35,14 @@ from kitchen_suite.entities.fixtures import PART_KINDS, build_fixture
 from kitchen_suite.entities.props import BURNERS
 from kitchen_suite.entities.styles import STYLES
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
-from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, pushes
-from kitchen_suite.tasks.episode import sensing_parameters
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
+from kitchen_suite.tasks.episode.pushes import Pushes
+from kitchen_suite.tasks.episode.quantities import offered
+from kitchen_suite.tasks.episode.sensing import Sensing
 from kitchen_suite.tasks.generated_kitchens import mdp as kitchens
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.variations import DONE, done_parameter
 from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
-from kitchen_suite.tasks.observables import offered
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS as DRAWER_INSTRUCTIONS
@@ -581,7 +582,7 @@ def parameter_rows(domain: str) -> dict[str, tuple[str, ...]]:
     present = {row.group for row in suite.DOMAINS[domain].resolve("task").varied}
     groups = [group for group in GROUPS if group in present]
     task = suite.load(domain, suite.default_task(domain), options | {"variations": groups}).task
-    own = (*sensing_parameters(task.mdp.noise_parts), *pushes.PARAMETERS)
+    own = (*Sensing(task.mdp, task.robot).parameters, *Pushes.parameters)
     units = {each.name: each.unit for each in (*task.scene.parameters, *own)}
     if DONE in task.variations.by_name:
         units[DONE] = done_parameter(task.scene, dict).unit

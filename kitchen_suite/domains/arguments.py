@@ -70,7 +70,7 @@ def _takers(
         yield "task", constructor, 2
         if not signatures.signature(constructor).takes_more:
             return
-    from kitchen_suite.tasks.observables import Pictures
+    from kitchen_suite.tasks.pictures import Pictures
 
     yield "task", Pictures, 0
     for mode in task.control_modes.values():

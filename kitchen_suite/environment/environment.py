@@ -228,6 +228,7 @@ class Environment(composer.Environment):
         if self.mjcf_has_changed():
             self._mjcf_never_compiled = True
         timestep = super().reset()
+        self._task.read_evaluated()
         self._step_count = 0
         self._plan_substeps()
         return timestep._replace(observation=self._flatten(timestep.observation))
@@ -279,6 +280,7 @@ class Environment(composer.Environment):
         """Starts an episode as `reset` does once the model is compiled, but does not update the observation."""
         with self._physics.reset_context():
             self._hooks.initialize_episode(self._physics_proxy, self._random_state)
+        self._task.read_evaluated()
         self._step_count, self._reset_next_step = 0, False
 
     def continue_episode(self) -> None:
@@ -345,6 +347,7 @@ class Environment(composer.Environment):
             mujoco.mj_step1(model, data)
             write_sleep(model, data, state[ASLEEP])
         mujoco.mj_step1(model, data)
+        self._task.read_evaluated()
         self._step_count, self._reset_next_step = step_count, bool(state["reset_next_step"])
         self._observation_updater.reset(self._physics_proxy, self._random_state)
         # The random state goes last: a user's corruptor may have drawn for the observation.

@@ -7,7 +7,7 @@ from dm_control import mjcf
 from dm_control.composer import observation
 from dm_control.composer.observation import observable
 
-from kitchen_suite.tasks.observables import Camera as PictureCamera
+from kitchen_suite.tasks.pictures import Camera as PictureCamera
 
 
 def is_unbuffered(part: observable.Observable) -> bool:

@@ -244,9 +244,9 @@ class SuiteEnv(gymnasium.Env):
         return {**defaults, PHYSICS_KEY: domain.physics, "cameras": cls.default_cameras}.get(name)
 
     def _make_observations(self, obs_type: str, flat_goals: bool = False) -> Observations:
-        observations.disable_copies(self.composer_task)
+        observations.observe_by_runner(self.composer_task)
         return Observations(
-            self.environment,
+            self.composer_task,
             obs_type,
             flat_goals=flat_goals,
             dtype=self.observation_dtype,
@@ -319,14 +319,15 @@ class SuiteEnv(gymnasium.Env):
         """Returns actions `(..., k)` clipped to the `action_limit`."""
         return actions.clip(-self._action_limit, self._action_limit)
 
-    def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
-        """Stores an observation of the suite's environment, and returns it in the observation space."""
-        self._observation = observation
+    def _get_obs(self, pictures: Mapping[str, np.ndarray]) -> Any:
+        """Stores the present flat observation, and pictures by key; returns them in the observation space."""
+        self._flat = self.composer_task.flat_observation.astype(self.observation_dtype, copy=False)
+        self._pictures = pictures
         return self.observations(self._present())
 
     def _present(self) -> Present:
         task = self.composer_task
-        return Present(self.observations.flat(self._observation), task.simulation, task.state, self._observation)
+        return Present(self._flat.copy(), task.simulation, task.state, self._pictures)
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the info of the last step or reset, in fresh lists and arrays, without that of the variation."""
@@ -345,7 +346,7 @@ class SuiteEnv(gymnasium.Env):
         sentence = {INSTRUCTION: self.instruction} if self.has_instructions else {}
         return {
             **self._get_info(),
-            **task.episode.info(),
+            **task.runner.info(task.episode),
             **variation,
             **self._physics_info,
             **timestep,

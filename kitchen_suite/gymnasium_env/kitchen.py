@@ -26,8 +26,8 @@ from kitchen_suite.tasks.kitchen.goal_rewards import (
 )
 from kitchen_suite.tasks.kitchen.observation import StateSlices
 from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, TASK_ID
-from kitchen_suite.tasks.observables import shown_at
 from kitchen_suite.tasks.orders import REQUESTED
+from kitchen_suite.tasks.pictures import shown_at
 
 with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.

@@ -14,11 +14,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.environment import Environment
-from kitchen_suite.tasks.observables import GOAL_PIXELS, Picture
+from kitchen_suite.tasks.pictures import GOAL_PIXELS, Picture
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.tasks.terms import Observation, end_to_end
+from kitchen_suite.tasks.terms import Observation
 
 # Kinds of parts, in the order of the observation, by observation type. `goal` needs a task with goals.
 OBS_TYPES: Mapping[str, tuple[str, ...]] = {
@@ -93,10 +92,25 @@ def check_extras(task: SuiteTask, obs_type: str, obs_types: Collection[str]) -> 
         )
 
 
+def observe_by_runner(task: SuiteTask) -> None:
+    """Switches off the observables of numbers, which composer would read one by one, and the runner returns as one.
+
+    Raises a ValueError if an observable of an entity is enabled that the task does not observe.
+    """
+    for part in task.observed.values():
+        part.enabled = False
+    for entity in task.root_entity.iter_entities():
+        for key, part in entity.observables.as_dict(fully_qualified=False).items():
+            if part.enabled:
+                raise ValueError(
+                    f"observable {key!r} of entity {entity.mjcf_model.model!r} is enabled, which Gymnasium's "
+                    "environments do not observe: add it to the task's extra_observations"
+                )
+
+
 def _lost_extras(task: SuiteTask, obs_type: str) -> list[str]:
-    if task.extras is None:
-        return []
-    parts = {key: "agent_pos" if key in task.extras.of_robot else "environment_state" for key in task.extras.by_name}
+    of_robot = task.quantities.of_robot
+    parts = {key: "agent_pos" if key in of_robot else "environment_state" for key in task.quantities.by_name}
     return [key for key, part in parts.items() if {"observation", part}.isdisjoint(OBS_TYPES[obs_type])]
 
 
@@ -111,35 +125,30 @@ class Observations:
       hidden: keys of the suite's own observation of which they hold nothing.
     """
 
-    def __init__(self, environment: Environment, obs_type: str, *, flat_goals: bool, dtype: Any) -> None:
+    def __init__(self, task: SuiteTask, obs_type: str, *, flat_goals: bool, dtype: Any) -> None:
         """Finds the parts of the flat observation, and those of the observation type.
 
         Args:
-          environment: whose enabled observables the flat observation consists of.
+          task: that is observed; its scene is compiled.
           obs_type: a key of `OBS_TYPES`.
           flat_goals: whether goals are one array each, and not dicts by task.
           dtype: type of the flat observation.
         """
-        self._task = environment.task
-        self._mdp = environment.task.mdp
-        self._simulation = environment.task.simulation
+        self._task = task
+        self._mdp = task.mdp
+        self._simulation = task.simulation
         self._flat_goals = flat_goals
         self._dtype = dtype
         self.has_pictures = has_pictures(obs_type)
         self.has_goals = "goals" in OBS_TYPES[obs_type]
-        extras, pictures = environment.task.extras, environment.task.pictures
-        spec, observables = environment.observation_spec(), environment.task.observables
-        # The spec may have observables that have been disabled since.
-        keys = [key for key in spec if observables[key].enabled and key not in pictures.by_name]
-        sizes = [spec[key].shape[0] for key in keys]
-        self._slices = end_to_end(dict(zip(keys, sizes, strict=True)))
-        terms = {**self._mdp.observations, **environment.task.observations.by_name}
-        bounds = [(terms[key].minimum, terms[key].maximum) if key in terms else (-math.inf, math.inf) for key in keys]
+        self._slices = task.flat_slices
+        sizes = [part.stop - part.start for part in self._slices.values()]
+        terms = {**self._mdp.observations, **task.observations.by_name}
+        unbounded = (-math.inf, math.inf)
+        bounds = [(terms[key].minimum, terms[key].maximum) if key in terms else unbounded for key in self._slices]
         low, high = (np.repeat(side, sizes).astype(dtype) for side in zip(*bounds, strict=True))
         self.flat_space = spaces.Box(low, high, dtype=dtype)
-        of_robot = {key for key, term in terms.items() if term.of_robot}
-        if extras is not None:
-            of_robot |= {*extras.of_robot}
+        of_robot = {*task.quantities.of_robot, *(key for key, term in terms.items() if term.of_robot)}
         robot = [np.arange(part.start, part.stop) for key, part in self._slices.items() if key in of_robot]
         self._robot = np.concatenate([*robot, np.zeros(0, np.int64)])
         self._rest = np.setdiff1d(np.arange(low.size), self._robot)
@@ -154,9 +163,9 @@ class Observations:
         self._entries |= self._request_entries()
         shown = {"observation", "environment_state"}.intersection(OBS_TYPES[obs_type])
         shown_of_robot = {"observation", "agent_pos"}.intersection(OBS_TYPES[obs_type])
-        hidden = [key for key in keys if not (shown_of_robot if key in of_robot else shown)]
+        hidden = [key for key in self._slices if not (shown_of_robot if key in of_robot else shown)]
         if "goals" not in OBS_TYPES[obs_type]:
-            hidden += goal_keys(environment.task)
+            hidden += goal_keys(task)
         self.hidden = frozenset(hidden)
         self._is_array = OBS_TYPES[obs_type] == ("observation",)
         boxes = {key: part.space for key, part in self._entries.items()}
@@ -247,11 +256,6 @@ class Observations:
         elements: list[int] = self._robot.tolist()
         return elements
 
-    def flat(self, observation: Mapping[str, NDArray]) -> NDArray:
-        """Returns the flat observation `(m,)` in one of the suite's own, in a fresh array."""
-        parts = [observation[key] for key in self._slices]
-        return np.concatenate(parts, dtype=self._dtype, casting="same_kind")
-
     def split(self, flat: NDArray) -> dict[str, NDArray]:
         """Returns copies of the parts `(..., k)` of a flat observation by their names in the suite's own."""
         return {key: flat[..., part].copy() for key, part in self._slices.items()}
@@ -279,14 +283,6 @@ class Observations:
 def goal_keys(task: SuiteTask) -> list[str]:
     """Returns the keys of the goals in the suite's own observation of a task; none in a domain without goals."""
     return [f"{key}/{name}" for key in task.mdp.goal_observations for name in task.mdp.goals.tasks]
-
-
-def disable_copies(task: SuiteTask) -> None:
-    """Disables the observables of goals and requests, which are read from the MDP: faster than one for each task."""
-    copies = (*goal_keys(task), *task.mdp.request_observations)
-    for key, part in task.task_observables.items():
-        if key in copies or key.startswith(f"{GOAL_PIXELS}/"):
-            part.enabled = False
 
 
 def _box(term: Observation, shape: tuple[int, ...]) -> spaces.Box:

@@ -304,7 +304,8 @@ def _extras(spec: EnvironmentSpec) -> dict[str, Any]:
         environment.reset(seed=0)
         task = suite_env(environment).composer_task
         layout = {}
-        if task.extras:
-            layout = {name: task.extras.values[task.extra_slices[name]].tolist() for name in task.extras.of_layout}
+        if task.quantities.size:
+            values = task.quantities.values
+            layout = {name: values[task.extra_slices[name]].tolist() for name in task.quantities.of_layout}
     sizes = {name: part.stop - part.start for name, part in task.extra_slices.items()}
     return {"extra_observables": sizes, "layout": layout}

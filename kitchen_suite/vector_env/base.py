@@ -511,10 +511,8 @@ _HOOKS = ("before_step", "before_substep", "after_substep", "after_step", "initi
 
 
 def check_entities(environment: SuiteEnv) -> None:
-    """Raises a ValueError if an entity in an environment's scene acts or is observed in a way that a batch does not."""
-    task = environment.composer_task
-    observed = {id(observable) for observable in task.task_observables.values()}
-    for entity in task.root_entity.iter_entities():
+    """Raises a ValueError if an entity in an environment's scene acts in a way that a batch does not."""
+    for entity in environment.composer_task.root_entity.iter_entities():
         name = entity.mjcf_model.model
         hooks = [hook for hook in _HOOKS if getattr(type(entity), hook) is not getattr(composer.Entity, hook)]
         if hooks:
@@ -522,12 +520,6 @@ def check_entities(environment: SuiteEnv) -> None:
                 f"entity {name!r} overrides {hooks}, which vectorised environments do not call: write what it does as "
                 "extra_observations, extra_rewards or reset_physics of the task; see docs/guide/extending.md"
             )
-        for key, observable in entity.observables.as_dict(fully_qualified=False).items():
-            if observable.enabled and id(observable) not in observed:
-                raise ValueError(
-                    f"observable {key!r} of entity {name!r} is enabled, which vectorised environments do not observe: "
-                    "add it to the task's extra_observations"
-                )
 
 
 def processors() -> int:

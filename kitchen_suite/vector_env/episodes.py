@@ -17,8 +17,10 @@ from kitchen_suite.environment.edits import ModelSnapshot, read_field, write_fie
 from kitchen_suite.environment.states import moving_elements
 from kitchen_suite.gymnasium_env.base import PHYSICS_KEY
 from kitchen_suite.names import EXACT
-from kitchen_suite.tasks.control_modes.mode import MEDIAN
-from kitchen_suite.tasks.episode import EpisodeState, Stepper
+from kitchen_suite.tasks.episode.draws import BatchDraws
+from kitchen_suite.tasks.episode.part import EpisodePart, MeasuringPart
+from kitchen_suite.tasks.episode.runner import EpisodeRunner
+from kitchen_suite.tasks.episode.state import EpisodeState
 from kitchen_suite.tasks.requests import Reset
 from kitchen_suite.tasks.variations.variations import SLEEP
 from kitchen_suite.vector_env import checks as vector_checks
@@ -79,28 +81,14 @@ class BatchEpisodes:
         self._environments, self._task = environments, distinct[0].task
         self._mdp = self._task.mdp
         self._physics_steps = self._task.physics_steps_per_control_step
-        self._sensors = _joined([each.task.mdp.sensors for each in distinct])
-        self._extras = _joined([each.task.extras for each in distinct])
-        self._extra_values = np.zeros((count, self._task.extras.size if self._task.extras else 0))
-        self._observations = self._task.observations
-        stages = [self._sensors.stage, self._mdp.action_mode.stage]
-        if self._extras:
-            stages.append(self._extras.stage)
-        if self._observations.by_name:
-            # What a single simulation has after each step.
-            stages.append(mujoco.mjtStage.mjSTAGE_VEL)
+        sensors = _joined([each.task.mdp.sensors for each in distinct])
+        parts = {name: _joined([each.task.parts[name] for each in distinct]) for name in self._task.parts}
+        stages = [sensors.stage, self._mdp.action_mode.stage, *(part.stage for part in parts.values())]
         self._stage = max(map(int, stages))
         models = [each.physics.model.ptr for each in environments]
         self._moving = [moving_elements(model) for model in models]
         self.batch, self.simulation = make_simulations([each.physics for each in environments], threads)
-        self._stepper = Stepper(
-            self._mdp,
-            self.simulation,
-            self._task.pusher,
-            self._observations,
-            self._task.terminations,
-            _joined([each.task.meter for each in distinct]),
-        )
+        self._runner = EpisodeRunner(self._mdp, self.simulation, sensors, parts)
         randomizer = self._task.variations.randomizer
         self._model_fields: dict[str, Any] = {
             name: self.batch.expand(name)
@@ -115,9 +103,7 @@ class BatchEpisodes:
         self._resets: dict[int, Reset] = {}
         self.steps = np.zeros(count, np.int64)
         self.has_moved = np.full(count, True)
-        self._draws = np.zeros((count, self._mdp.noise_draws))
-        self._numbers = np.zeros_like(self._draws)
-        self._numbers_of_each = [*self._numbers]
+        self._draws = BatchDraws(self.streams, self._mdp.noise_draws)
 
     def seed(self, seeds: Mapping[int, int]) -> None:
         """Starts random streams anew, by index of the episode."""
@@ -191,8 +177,6 @@ class BatchEpisodes:
             for rows, started in zip(arrays, task.episode.arrays(), strict=True):
                 if started is not None:
                     rows[i] = started
-            if task.extras:
-                self._extra_values[i] = task.extras.values
         for name, values in kept.items():
             getattr(self.state.mdp_state, name)[indices] = values
         self.steps[mask] = 0
@@ -230,64 +214,23 @@ class BatchEpisodes:
           Rewards, terminations, and which simulations diverged, each `(n,)`; 0 and False where not `stepping`.
         """
         mdp = self._mdp
-        acting = self._stepper.act(self.state, actions, self._draw_actions(stepping))
-        self.simulation.write("ctrl", mdp.sensors.ctrl, acting.ctrl)
+        self._draws.rows = stepping
+        acting = self._runner.act(self.state, actions, self._draws)
         self.batch.step(None if stepping.all() else stepping, self._physics_steps, self._stage)
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
         alive = stepping & ~diverged
-        self._draw_noise(alive)
-        if self._extras:
-            self._extra_values = self._extras.read(self.simulation)
-        after = self._stepper.advance(self.state, acting, self._sensors.read(self.simulation), self._draws)
-        self._draw_noise_of_observations(after, alive)
+        self._draws.rows = alive
+        after = self._runner.advance(self.state, acting, self._draws)
         before = self.state.mdp_state
         self.state = after if alive.all() else after.keep_fields(mdp.persistent, before, ~alive)
         self.steps += stepping
         self.has_moved |= stepping
         rewards = np.where(alive, mdp.reward(after.mdp_state), 0.0)
-        return rewards, (self._stepper.terminates(after) & alive) | diverged, diverged
-
-    def _draw_actions(self, stepping: NDArray[np.bool_]) -> NDArray[np.float64] | float:
-        """Returns draws `(n,)` for the actions, from U(0, 1): only where `stepping`, the median elsewhere."""
-        if not self._mdp.action_mode.draws:
-            return MEDIAN
-        draws = np.full(stepping.shape, MEDIAN)
-        streams = self.streams
-        indices = stepping.nonzero()[0]
-        draws[indices] = [streams[i].random_state.random_sample() for i in indices.tolist()]
-        return draws
-
-    def _draw_noise(self, stepping: NDArray[np.bool_]) -> None:
-        """Draws the numbers of the observation noise where `stepping`.
-
-        They are those of `MDP.draw_noise`, to the bit, which would take three times as long.
-        """
-        if not self._draws.size:
-            return
-        streams = self.streams
-        rows = self._numbers_of_each
-        for i in stepping.nonzero()[0].tolist():
-            streams[i].generator.random(out=rows[i])
-        np.copyto(self._draws, 2.0 * self._numbers - 1.0, where=stepping[:, np.newaxis])
-
-    def _draw_noise_of_observations(self, state: EpisodeState, stepping: NDArray[np.bool_]) -> None:
-        """Draws the noise of the extra observations in a state where `stepping`."""
-        if state.measured is None or not state.measured.noisy:
-            return
-        values, noisy = state.measured
-        for i in stepping.nonzero()[0].tolist():
-            row = {name: value[i] for name, value in values.items()}
-            for name, value in self._observations.corrupt(row, self.streams[i].random_state).items():
-                noisy[name][i] = value
+        return rewards, (self._runner.terminates(after) & alive) | diverged, diverged
 
     def observation(self) -> NDArray:
-        """Returns the flat observations `(n, m)`: of the MDP, extra observables and observations; a fresh array."""
-        flat, measured = self._mdp.observation(self.simulation, self.state.mdp_state), self.state.measured
-        extras = [self._extra_values] if self._extras else []
-        own = [] if measured is None else self._observations.flat(measured)
-        if not extras and not own:
-            return flat
-        return np.concatenate([flat, *extras, *own], axis=-1, dtype=flat.dtype, casting="same_kind")
+        """Returns the flat observations `(n, m)` of all episodes, in a fresh array."""
+        return self._runner.observation(self.state)
 
     def physics_state(self) -> tuple[NDArray[np.float64], ...]:
         """Returns qpos, qvel and act of each simulation, in fresh arrays."""
@@ -297,7 +240,7 @@ class BatchEpisodes:
         """Returns the infos of MDP, terminations and quality, and `episode_step`, the number of steps: `(n, ...)`."""
         return {
             **self._mdp.info(self.state.mdp_state),
-            **self.state.info(),
+            **self._runner.info(self.state),
             "episode_step": self.steps.copy(),
         }
 
@@ -332,9 +275,14 @@ class BatchEpisodes:
         mujoco.mj_forward(model, data)
 
 
-def _joined(sensors: Sequence[Any]) -> Any:
-    """Returns the sensors of one model as they are, those of several joined; None for None."""
-    return sensors[0] if len(sensors) == 1 or sensors[0] is None else JoinedSensors(sensors)
+def _joined(readers: Sequence[Any]) -> Any:
+    """Returns sensors, or parts, of one model as they are, and those of several as one that reads each by its own."""
+    first = readers[0]
+    if len(readers) == 1:
+        return first
+    if isinstance(first, MeasuringPart):
+        return first.reading_by(JoinedSensors(readers))
+    return first if isinstance(first, EpisodePart) else JoinedSensors(readers)
 
 
 def _check_robots(environments: Sequence[Environment]) -> None:

@@ -13,6 +13,7 @@ from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.kitchen_plans import Placed
 from kitchen_suite.names import GENERATED_KITCHEN_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
+from kitchen_suite.tasks.episode.pushes import PUSH
 from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of, design_digest
 from kitchen_suite.tasks.generated_kitchens.mdp import (
     GeneratedKitchenMDP,
@@ -27,7 +28,6 @@ from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.orders import sequence_of
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
-from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations import appearance

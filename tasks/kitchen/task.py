@@ -21,8 +21,8 @@ from kitchen_suite.tasks.kitchen.observation import KitchenSensors, noise_scale
 from kitchen_suite.tasks.kitchen.records import KitchenRecords
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, TaskRequests
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
-from kitchen_suite.tasks.observables import shown_at
 from kitchen_suite.tasks.orders import REQUESTED, Ordering
+from kitchen_suite.tasks.pictures import shown_at
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
 from kitchen_suite.tasks.task import SuiteTask

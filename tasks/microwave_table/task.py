@@ -14,6 +14,7 @@ from kitchen_suite.names import MICROWAVE_TABLE_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JointOffset
 from kitchen_suite.tasks.control_modes.mode import ActionMode
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
+from kitchen_suite.tasks.episode.pushes import PUSH
 from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
 from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.microwave_table.mdp import (
@@ -22,7 +23,6 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     REWARDS,
     MicrowaveTableMDP,
 )
-from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.records import OpeningRecords
 from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
 from kitchen_suite.tasks.task import SuiteTask

@@ -1,7 +1,7 @@
 """Variations of the parameters of open_cabinet by groups, in the order in which they are drawn."""
 
 from kitchen_suite.entities.cabinet import DOORS, DRAWERS
-from kitchen_suite.tasks.pushes import PUSH
+from kitchen_suite.tasks.episode.pushes import PUSH
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 

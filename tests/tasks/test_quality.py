@@ -20,7 +20,7 @@ from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS
 from kitchen_suite.environment import Environment
 from kitchen_suite.tasks import KitchenTask, quality
-from kitchen_suite.tasks.quality import NUM_CONTACTS, TOLERANCES, Quality, QualityReading
+from kitchen_suite.tasks.episode.quality import NUM_CONTACTS, TOLERANCES, Quality, QualityReading
 from kitchen_suite.vector_env.generated_kitchens import GeneratedKitchenVectorEnv
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"

@@ -11,7 +11,7 @@ from helpers.sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.pushes import PUSH, Push, Pusher, _Joints
+from kitchen_suite.tasks.episode.pushes import PUSH, Push, Pusher, _Joints
 from kitchen_suite.tasks.simulation import PhysicsSimulation
 
 ARM = slice(0, 7)

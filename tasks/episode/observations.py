@@ -3,13 +3,17 @@
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
+from dm_control import mjcf
 from dm_control.composer.observation import observable
 
 from kitchen_suite import checks
+from kitchen_suite.tasks.episode.draws import Draws
+from kitchen_suite.tasks.episode.part import EpisodePart
 from kitchen_suite.tasks.observables import Computed
 from kitchen_suite.tasks.simulation import Simulation
-from kitchen_suite.tasks.terms import Observation
+from kitchen_suite.tasks.terms import Observation, Transition
 from kitchen_suite.types import Array
 
 
@@ -25,13 +29,18 @@ class Measured(NamedTuple):
     noisy: dict[str, Array]
 
 
-class ExtraObservations:
-    """The observations that a task adds, in their order.
+class ExtraObservations(EpisodePart):
+    """The `extra_observations` of a task, in their order.
 
     Attributes:
       by_name: the observations.
       enabled: names of those that agents observe.
     """
+
+    # As states of 1.0 have it.
+    name = "measured"
+    # What a single simulation has after each step.
+    stage = mujoco.mjtStage.mjSTAGE_VEL
 
     def __init__(self, observations: Mapping[str, Observation], owner: str) -> None:
         """Checks the observations; `owner` is the name of the class that has them, for messages.
@@ -56,6 +65,23 @@ class ExtraObservations:
 
         return {name: shown(name) for name in self.enabled}
 
+    def start(self, part: Any, simulation: Simulation, mdp_state: Any, draws: Draws) -> Measured:
+        simulation.evaluate()
+        return self._measured(simulation, mdp_state, (), draws)
+
+    def refresh(self, physics: mjcf.Physics) -> None:
+        mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
+
+    def after(self, part: Measured, simulation: Simulation, step: Transition, draws: Draws) -> Measured:
+        measured = self._measured(simulation, step.after, step.action.shape[:-1], draws)
+        step.observations = measured.values
+        step.previous_observations = part.values
+        return measured
+
+    def _measured(self, simulation: Simulation, mdp_state: Any, axes: tuple[int, ...], draws: Draws) -> Measured:
+        values = self.measure(simulation, mdp_state, axes)
+        return Measured(values, draws.corrupted({name: values[name] for name in self._noisy}, self._corrupt))
+
     def measure(self, simulation: Simulation, state: Any, axes: tuple[int, ...]) -> dict[str, Array]:
         """Returns the values `(*axes, k)` after a step, or at a reset, by name.
 
@@ -73,11 +99,11 @@ class ExtraObservations:
             values[name] = value.copy()
         return values
 
-    def corrupt(self, values: Mapping[str, Array], random_state: np.random.RandomState) -> dict[str, Array]:
-        """Returns the values of one episode `(k,)` with noise, of those that have any, by name."""
+    def _corrupt(self, values: Mapping[str, Array], random_state: np.random.RandomState) -> dict[str, Array]:
+        """Returns values of one episode `(k,)` by name with noise, of those that have any."""
         noisy = {}
-        for name in self._noisy:
-            noise, value = self.by_name[name].noise, values[name]
+        for name, value in values.items():
+            noise = self.by_name[name].noise
             assert noise is not None
             noisy[name] = np.asarray(noise(value.copy(), random_state=random_state), np.float64)
             if noisy[name].shape != value.shape:
@@ -86,14 +112,9 @@ class ExtraObservations:
                 )
         return noisy
 
-    def noise_buffers(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """Returns copies of the values of those that have noise, which `corrupt` is to replace."""
-        return {name: values[name].copy() for name in self._noisy}
-
     def shown(self, measured: Measured, name: str) -> Array:
         """Returns what agents observe under a name, `(..., k)`."""
         return measured.noisy.get(name, measured.values[name])
 
-    def flat(self, measured: Measured) -> list[Array]:
-        """Returns what agents observe, in order."""
-        return [self.shown(measured, name) for name in self.enabled]
+    def observed(self, part: Measured) -> list[Array]:
+        return [self.shown(part, name) for name in self.enabled]

@@ -15,10 +15,13 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.joints import joint_types
 from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.tasks.episode.draws import Draws
+from kitchen_suite.tasks.episode.part import MeasuringPart
 from kitchen_suite.tasks.goals import JOINT_TOLERANCES, POSITION_TOLERANCE
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.rotations import squared_length
 from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.tasks.terms import Transition
 from kitchen_suite.types import Array
 
 # Beginning of the names of the sensors.
@@ -203,16 +206,15 @@ def contact_forces(contacts: Array) -> Array:
     return forces
 
 
-class QualityMeter:
+class QualityMeter(MeasuringPart):
     """Measures the quality of the episodes of a task, by sensors that it adds to the scene.
 
     Attributes:
-      stage: none: MuJoCo keeps the history in its steps.
       objects: names of the joints of the scene's objects: not of the robot, nor of joints that another one follows by
         an equality constraint, as a burner its knob. The first `MDP.object_slots` places are for joints of props.
     """
 
-    stage = mujoco.mjtStage.mjSTAGE_NONE
+    name = "quality"
 
     def __init__(self, scene: Scene, mdp: MDP, physics_steps: int) -> None:
         """Adds the sensors to a scene that is not yet compiled.
@@ -222,6 +224,7 @@ class QualityMeter:
           mdp: of the task, which knows what episodes ask for.
           physics_steps: in a control step.
         """
+        super().__init__()
         self._scene = scene
         self._mdp = mdp
         self._physics_steps = physics_steps
@@ -248,7 +251,7 @@ class QualityMeter:
         return sensors.add(kind, name=name, nsample=self._physics_steps, **attributes)
 
     def bind(self, physics: mjcf.Physics) -> None:
-        """Looks up sensors and joints in the compiled scene."""
+        self._physics = physics
         self._timestep = physics.timestep()
         places = [self._places(physics, sensors) for sensors in (self._contacts, self._torques, self._velocities)]
         # Forces are in the frame of the contact, whose normal comes first.
@@ -279,16 +282,20 @@ class QualityMeter:
             found.append(first + np.arange(self._physics_steps * model.sensor_dim[sensor]))
         return np.concatenate(found)
 
-    def start(self, physics: mjcf.Physics, simulation: Simulation, state: Any) -> Quality:
-        """Returns the quality of an episode before its first step, given the physics and the MDP's state then."""
-        mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
-        hand = np.array(physics.data.ptr.site_xpos[self._site])
-        asked = self._mdp.requested_joints(self._scene, state)
+    def start(self, part: Any, simulation: Simulation, mdp_state: Any, draws: Draws) -> Quality:
+        mujoco.mj_kinematics(self._physics.model.ptr, self._physics.data.ptr)
+        hand = np.array(self._physics.data.ptr.site_xpos[self._site])
+        asked = self._mdp.requested_joints(self._scene, mdp_state)
         requested = np.array([joint in asked for joint in self._joints], bool)
         return Quality.initial(hand, self._positions(simulation), requested)
 
+    def after(self, part: Quality, simulation: Simulation, step: Transition, draws: Draws) -> Quality:
+        return part.after(self.reader.read(simulation))
+
+    def info(self, part: Quality) -> dict[str, NDArray]:
+        return part.info()
+
     def read(self, simulation: Simulation) -> QualityReading:
-        """Returns the values of the last control step, in fresh arrays."""
         history = simulation.read("history", self._history)
         contacts, torques, velocities, hand = (history[..., part] for part in self._parts)
         return QualityReading(contacts, torques, velocities * self._timestep, hand, self._positions(simulation))

@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.parameters import task_parameter
 from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.tasks.episode.draws import Draws
+from kitchen_suite.tasks.episode.part import EpisodePart
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.variations.distributions import Bands, Choice, ParameterVariation
+from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.types import Array
 
 _ARM = 7  # Joints of the arm, without the fingers.
@@ -109,11 +112,9 @@ class Pusher:
         tasks = [_Joints(*addresses(physics, joints)) for joints in mdp.task_joints(scene)]
         return cls(_Joints(*addresses(physics, arm)), low, high, tasks, mdp.complete)
 
-    def start(self, values: Mapping[str, Array], simulation: Simulation) -> Push | None:
-        """Returns the push of an episode that starts with values of parameters; None if none of its own varies."""
+    def start(self, values: Mapping[str, Array], simulation: Simulation) -> Push:
+        """Returns the push of an episode that starts with values of parameters."""
         own = {parameter.name: values.get(parameter.name, np.zeros(parameter.type.shape)) for parameter in PARAMETERS}
-        if own.keys().isdisjoint(values):
-            return None
         starts = [simulation.read("qpos", joints.qpos) for joints in self.tasks]
         return Push(
             steps=np.array(0),
@@ -147,3 +148,25 @@ class Pusher:
         for place, (joints, start) in enumerate(zip(self.tasks, starts, strict=True)):
             joints.move(simulation, chosen[..., place], start)
         return where & (count > 0)
+
+
+class Pushes(EpisodePart):
+    """The pushes of a task's episodes."""
+
+    name = "push"
+    parameters = PARAMETERS
+
+    def __init__(self, scene: Scene, mdp: MDP) -> None:
+        """Takes the scene, and the MDP, which knows the joints of tasks that can be undone."""
+        self._scene = scene
+        self._mdp = mdp
+
+    def bind(self, physics: mjcf.Physics) -> None:
+        self._pusher = Pusher.make(physics, self._scene, self._mdp)
+
+    def draw(self, values: Values, simulation: Simulation, draws: Draws) -> Push:
+        return self._pusher.start(values, simulation)
+
+    def before(self, part: Push, simulation: Simulation, mdp_state: Any, ctrl: Array) -> tuple[Push, Array]:
+        # After control has read the physics: only a single simulation is evaluated anew, a batch as it steps.
+        return self._pusher.push(simulation, part, mdp_state), ctrl
