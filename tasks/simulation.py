@@ -1,6 +1,6 @@
 """How tasks read and control the physics, of one episode or of many."""
 
-from typing import Literal, Protocol
+from typing import Literal, Protocol, Self
 
 import mujoco
 import numpy as np
@@ -12,6 +12,25 @@ from kitchen_suite import checks
 from kitchen_suite.types import Array
 
 Columns = NDArray[np.int64] | slice
+
+# Stage of MuJoCo's pipeline that computes a field of its data; other fields are the state, or of the last physics step.
+_STAGES = {
+    **dict.fromkeys(
+        (
+            *("xpos", "xquat", "xmat", "xipos", "ximat", "xanchor", "xaxis"),
+            *("geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir"),
+            *("subtree_com", "cdof", "cinert", "crb", "qM", "ten_length", "ten_J", "actuator_length"),
+        ),
+        mujoco.mjtStage.mjSTAGE_POS,
+    ),
+    **dict.fromkeys(
+        (
+            *("cvel", "cdof_dot", "ten_velocity", "actuator_velocity", "subtree_linvel", "subtree_angmom"),
+            *("qfrc_bias", "qfrc_passive", "sensordata"),
+        ),
+        mujoco.mjtStage.mjSTAGE_VEL,
+    ),
+}
 
 
 class Simulation(Protocol):
@@ -47,6 +66,10 @@ class Simulation(Protocol):
 
     def evaluate(self) -> None:
         """Evaluates what the next physics step takes from positions and velocities, after these have been set."""
+
+    @property
+    def unevaluated(self) -> "Simulation":
+        """The same simulation, of which only what needs no evaluation can be read."""
 
 
 def as_columns(indices: NDArray[np.int64]) -> Columns:
@@ -105,13 +128,26 @@ class PhysicsSimulation:
     def evaluate(self) -> None:
         mujoco.mj_step1(self._model, self._data)
 
+    @property
+    def unevaluated(self) -> Self:
+        """The simulation itself: its physics is evaluated whenever it is read."""
+        return self
+
 
 class BatchSimulation:
     """The simulations of a batch; leading axis `(n,)`."""
 
-    def __init__(self, batch: Batch, physics: mjcf.Physics) -> None:
-        """Stores a batch, and a physics of the same model, which knows its names."""
+    def __init__(self, batch: Batch, physics: mjcf.Physics, stage: mujoco.mjtStage) -> None:
+        """Stores a batch.
+
+        Args:
+          batch: the simulations.
+          physics: of the same model, which knows its names.
+          stage: stage of MuJoCo's pipeline up to which the batch is evaluated after each step.
+        """
         self._batch = batch
+        self._physics = physics
+        self._stage = stage
         self._fields: dict[str, Array] = {}
         self._names = NamedFields(physics)
 
@@ -132,8 +168,22 @@ class BatchSimulation:
     def evaluate(self) -> None:
         """Does nothing: a batch evaluates everything in its step."""
 
+    @property
+    def unevaluated(self) -> Self:
+        return type(self)(self._batch, self._physics, mujoco.mjtStage.mjSTAGE_NONE)
+
     def _field(self, name: str) -> Array:
-        """A field `(n, ...)` over all simulations; a live view."""
+        """A field `(n, ...)` over all simulations; a live view.
+
+        Raises a ValueError for a field that the batch has not evaluated, which would be that of an earlier state.
+        """
         if name not in self._fields:
+            needed = _STAGES.get(name, mujoco.mjtStage.mjSTAGE_NONE)
+            if int(needed) > int(self._stage):
+                raise ValueError(
+                    f"vectorised environments have not evaluated {name!r} where it is read here: read it by the "
+                    f"sensors of the MDP, with the stage {needed.name}, and keep it in its state, or by "
+                    "extra_observations of the task"
+                )
             self._fields[name] = self._batch.bind(name)
         return self._fields[name]

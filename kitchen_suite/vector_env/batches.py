@@ -138,10 +138,10 @@ class JoinedRows:
 class JoinedSimulation:
     """The simulations of a joined batch, in whose models a column means the same; all that is read is a copy."""
 
-    def __init__(self, batch: JoinedBatch, physics: Sequence[mjcf.Physics]) -> None:
-        """Stores a batch, and a physics of each of its models, which know the names in it."""
+    def __init__(self, batch: JoinedBatch, parts: Sequence[BatchSimulation]) -> None:
+        """Stores a batch, and the simulations of each of its models."""
         self.batch = batch
-        self.parts = [BatchSimulation(each, one) for each, one in zip(batch.batches, physics, strict=True)]
+        self.parts = parts
 
     def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
         return self.batch.join([part.read(field, columns) for part in self.parts])
@@ -155,6 +155,10 @@ class JoinedSimulation:
 
     def evaluate(self) -> None:
         """Does nothing, as of a batch."""
+
+    @property
+    def unevaluated(self) -> "JoinedSimulation":
+        return JoinedSimulation(self.batch, [part.unevaluated for part in self.parts])
 
 
 class JoinedSensors:
@@ -176,11 +180,19 @@ class JoinedSensors:
         return tree.unflatten_as(readings[0], [simulation.batch.join(parts) for parts in arrays])
 
 
-def make_simulations(physics: Sequence[mjcf.Physics], threads: int) -> tuple[Any, Simulation]:
-    """Returns a batch with a simulation of the model of each physics, joined if these are several models."""
+def make_simulations(physics: Sequence[mjcf.Physics], threads: int, stage: mujoco.mjtStage) -> tuple[Any, Simulation]:
+    """Returns a batch with a simulation of the model of each physics, joined if these are several models.
+
+    Args:
+      physics: one for each simulation.
+      threads: number of threads that step them, including the calling one.
+      stage: stage of MuJoCo's pipeline up to which they will be evaluated after each step.
+    """
     models = [each.model.ptr for each in physics]
     if all(model is models[0] for model in models):
         batch = make_batch(models[0], len(models), threads)
-        return batch, BatchSimulation(batch, physics[0])
+        return batch, BatchSimulation(batch, physics[0], stage)
     joined = JoinedBatch(models, threads)
-    return joined, JoinedSimulation(joined, [*{id(each.model.ptr): each for each in physics}.values()])
+    distinct = {id(each.model.ptr): each for each in physics}.values()
+    parts = [BatchSimulation(each, one, stage) for each, one in zip(joined.batches, distinct, strict=True)]
+    return joined, JoinedSimulation(joined, parts)

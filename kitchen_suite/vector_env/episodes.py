@@ -84,10 +84,11 @@ class BatchEpisodes:
         sensors = _joined([each.task.mdp.sensors for each in distinct])
         parts = {name: _joined([each.task.parts[name] for each in distinct]) for name in self._task.parts}
         stages = [sensors.stage, self._mdp.action_mode.stage, *(part.stage for part in parts.values())]
-        self._stage = max(map(int, stages))
+        stage = max(stages, key=int)
+        self._stage = int(stage)
         models = [each.physics.model.ptr for each in environments]
         self._moving = [moving_elements(model) for model in models]
-        self.batch, self.simulation = make_simulations([each.physics for each in environments], threads)
+        self.batch, self.simulation = make_simulations([each.physics for each in environments], threads, stage)
         self._runner = EpisodeRunner(self._mdp, self.simulation, sensors, parts)
         randomizer = self._task.variations.randomizer
         self._model_fields: dict[str, Any] = {

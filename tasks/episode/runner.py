@@ -4,6 +4,7 @@ Single and vectorised environments, and dm_env, run these functions.
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
@@ -180,11 +181,16 @@ class EpisodeRunner:
 
     def observation(self, state: EpisodeState) -> NDArray:
         """Returns the flat observation `(..., m)`: the MDP's own, then what parts observe; a fresh array."""
-        flat = self.mdp.observation(self.simulation, state.mdp_state)
+        flat = self.mdp.observation(self._observed_simulation, state.mdp_state)
         others = [array for name, part in self.parts.items() for array in part.observed(state.parts[name])]
         if not others:
             return flat
         return np.concatenate([flat, *others], axis=-1, dtype=flat.dtype, casting="same_kind")
+
+    @functools.cached_property
+    def _observed_simulation(self) -> Simulation:
+        """What observations read: of many episodes, some may just have been started, and not been evaluated yet."""
+        return self.simulation.unevaluated
 
     def info(self, state: EpisodeState) -> dict[str, NDArray]:
         """Returns the infos of the parts, beside those of the MDP: fresh arrays `(...)` or `(..., k)`."""

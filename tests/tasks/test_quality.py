@@ -19,7 +19,8 @@ from kitchen_suite import suite
 from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS
 from kitchen_suite.environment import Environment
-from kitchen_suite.tasks import KitchenTask, quality
+from kitchen_suite.tasks import KitchenTask
+from kitchen_suite.tasks.episode import quality
 from kitchen_suite.tasks.episode.quality import NUM_CONTACTS, TOLERANCES, Quality, QualityReading
 from kitchen_suite.vector_env.generated_kitchens import GeneratedKitchenVectorEnv
 
@@ -281,7 +282,7 @@ def displaced(environment, joint, by):
     element = model.joint(joint)
     kind = ("free", "ball", "slide", "hinge")[int(element.type[0])]
     data.qpos[int(element.qposadr[0])] += by * TOLERANCES[kind]
-    after = task.episode.quality.after(task.meter.read(task.simulation))
+    after = task.episode.parts["quality"].after(task.meter.read(task.simulation))
     return after.info()["objects_disturbed"], joint in asked
 
 

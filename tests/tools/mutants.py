@@ -86,8 +86,8 @@ TESTS = {
     "kitchen_suite/evaluation/paired.py": ("tests/evaluation/test_paired.py",),
     "kitchen_suite/evaluation/criteria.py": ("tests/evaluation/test_criteria.py",),
     "kitchen_suite/evaluation/quality.py": ("tests/evaluation/test_quality_scores.py",),
-    "tasks/quality.py": ("tests/tasks/test_quality.py",),
-    "tasks/pushes.py": ("tests/tasks/variations/test_pushes.py",),
+    "tasks/episode/quality.py": ("tests/tasks/test_quality.py",),
+    "tasks/episode/pushes.py": ("tests/tasks/variations/test_pushes.py",),
     "tasks/generated_kitchens/mdp.py": ("tests/tasks/generated_kitchens/test_generated_kitchen_task.py",),
 }
 

@@ -141,10 +141,9 @@ def interrupt(*args, **kwargs):
 @pytest.mark.parametrize(
     ("vector", "path"),
     [
-        (FrankaKitchenVectorEnv, "_episodes._draw_actions"),
-        pytest.param(FrankaKitchenVectorEnv, "_episodes._draw_noise", marks=pytest.mark.nightly),
-        (FrankaOpenCabinetVectorEnv, "_episodes._draw_actions"),
-        (FrankaOpenCabinetVectorEnv, "_episodes._draw_noise"),
+        (FrankaKitchenVectorEnv, "_episodes._draws.noise"),
+        (FrankaOpenCabinetVectorEnv, "_episodes._draws.uniform"),
+        (FrankaOpenCabinetVectorEnv, "_episodes._draws.noise"),
         (FrankaOpenCabinetVectorEnv, "_episodes.batch.step"),
         (FrankaOpenCabinetVectorEnv, "_template_env.environment.start_episode"),
     ],

@@ -323,7 +323,7 @@ def test_a_delayed_action_reaches_the_actuators_a_step_late(domain, control_mode
         delayed.step(action)
         applied = np.array(delayed.physics.data.ctrl[columns])
         np.testing.assert_array_equal(applied, targets[-1] if targets else start)
-        targets.append(delayed.task.episode.sensing.target)
+        targets.append(delayed.task.episode.parts["sensing"].target)
     plain.step(actions[0])
     np.testing.assert_array_equal(plain.physics.data.ctrl[columns], targets[0])
 
