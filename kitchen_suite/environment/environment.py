@@ -22,7 +22,7 @@ from kitchen_suite.environment.named import Names
 from kitchen_suite.environment.physics import Physics
 from kitchen_suite.environment.private_names import check_private_names
 from kitchen_suite.environment.random_states import checked_random, first_seed, make_random_state
-from kitchen_suite.environment.seeds import NEXT_SEED, UNKNOWN, checked_next_seed, checked_stride, known
+from kitchen_suite.environment.seeds import UNKNOWN, EpisodeSeeds
 from kitchen_suite.environment.states import (
     ASLEEP,
     INTEGRATION_STATE,
@@ -122,11 +122,11 @@ class Environment(composer.Environment):
         if not time_limit > 0:
             raise ValueError(f"time_limit must be positive, got {checks.shown(time_limit)}")
         self._further_names = further_names
-        self._seed_stride = checked_stride(episode_seeds)
-        if self._seed_stride:
+        self._seeds = EpisodeSeeds(episode_seeds)
+        if self._seeds:
             if kwargs.get("fixed_initial_state"):
                 raise ValueError("fixed_initial_state and episode_seeds both set the random stream: leave out one")
-            random_state = self._next_seed = first_seed(random_state)
+            random_state = self._seeds.next = first_seed(random_state)
         with warnings.catch_warnings():
             # composer stores the legacy state of the random stream; numpy warns unless that is a Mersenne Twister.
             warnings.filterwarnings("ignore", "get_state and legacy", RuntimeWarning)
@@ -207,8 +207,8 @@ class Environment(composer.Environment):
 
     @random_state.setter
     def random_state(self, value: int | np.random.RandomState | None) -> None:
-        if self._seed_stride:
-            value = self._next_seed = first_seed(value)
+        if self._seeds:
+            value = self._seeds.next = first_seed(value)
             self._random_state = self._seeded_state = make_random_state(value)
             return
         self._random_state = make_random_state(value)
@@ -222,7 +222,7 @@ class Environment(composer.Environment):
         return self._step_limit
 
     def reset(self) -> dm_env.TimeStep:
-        if self._seed_stride:
+        if self._seeds:
             self._start_stream()
         self._reset_next_step = True
         if self.mjcf_has_changed():
@@ -236,11 +236,12 @@ class Environment(composer.Environment):
     def _start_stream(self) -> None:
         """Starts the random stream of the next episode, unless a stream was assigned to `_random_state` for it."""
         if self._random_state is not self._seeded_state:
-            self._seeded_state, self._next_seed = self._random_state, UNKNOWN
+            self._seeded_state = self._random_state
+            self._seeds.next = UNKNOWN
             return
-        seed = known(self._next_seed)
+        seed = self._seeds.known()
         self._random_state = self._seeded_state = make_random_state(seed)
-        self._next_seed = seed + self._seed_stride
+        self._seeds.next = self._seeds.after(seed)
 
     @property
     def resets_next_step(self) -> bool:
@@ -300,7 +301,7 @@ class Environment(composer.Environment):
             **({} if scene.physics == EXACT else {_PHYSICS_NAME: scene.physics}),
             **({ASLEEP: self._physics.data.ptr.tree_asleep.copy()} if scene.sleeps else {}),
             **self.changed_timestep,
-            **({NEXT_SEED: self._next_seed} if self._seed_stride else {}),
+            **self._seeds.saved(),
         }
 
     def set_state(self, state: Mapping[str, Any]) -> Mapping[str, np.ndarray]:
@@ -327,9 +328,9 @@ class Environment(composer.Environment):
         if timestep != task.control_timestep:
             here = f"but those of the environment take {task.control_timestep:g} s"
             raise ValueError(f"control steps of the state take {timestep:g} s, {here}")
-        next_seed = checked_next_seed(state) if self._seed_stride else UNKNOWN
+        next_seed = self._seeds.checked(state)
         # A seed may be larger than any of NumPy's integers.
-        checked = {"random": {}, **({NEXT_SEED: 0} if self._seed_stride else {})}
+        checked = {"random": {}, **dict.fromkeys(self._seeds.saved(), 0)}
         state = checks.matching({**state, **checked}, {**self.get_state(), **checked}, "state")
         step_count = checks.integer(state["step_count"].item(), "state['step_count']", minimum=0)
         if ASLEEP in state:
@@ -352,8 +353,9 @@ class Environment(composer.Environment):
         self._observation_updater.reset(self._physics_proxy, self._random_state)
         # The random state goes last: a user's corruptor may have drawn for the observation.
         self._random_state.set_state(random)
-        if self._seed_stride:
-            self._seeded_state, self._next_seed = self._random_state, next_seed
+        if self._seeds:
+            self._seeded_state = self._random_state
+            self._seeds.next = next_seed
         return self._flatten(self._observation_updater.get_observation())
 
     def add_extra_hook(self, hook_name: str, hook_callable: Any) -> None:

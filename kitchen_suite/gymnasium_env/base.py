@@ -16,7 +16,7 @@ from kitchen_suite import checks, suite
 from kitchen_suite.domains.base import Domain
 from kitchen_suite.domains.elsewhere import OF_LOAD
 from kitchen_suite.environment import Environment
-from kitchen_suite.environment.seeds import NEXT_SEED, UNKNOWN, checked_next_seed, checked_stride, known
+from kitchen_suite.environment.seeds import EpisodeSeeds
 from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import Observations, Present
 from kitchen_suite.names import EXACT
@@ -152,8 +152,7 @@ class SuiteEnv(gymnasium.Env):
         """
         record = suite.find_domain(domain or self.default_domain)
         arguments = self._keep_contents(record, arguments)
-        self._seed_stride = checked_stride(episode_seeds)
-        self._next_seed = UNKNOWN
+        self._seeds = EpisodeSeeds(episode_seeds)
         physics = record.physics if physics is None else physics
         self.check_keywords(record, arguments)
         obs_type = self.find_obs_type(obs_type)
@@ -431,8 +430,7 @@ class SuiteEnv(gymnasium.Env):
     def get_state(self) -> dict[str, Any]:
         """Returns the state on which later steps depend, as nested dicts of strings, numbers and arrays."""
         self._bind_random_state()
-        seed = {NEXT_SEED: self._next_seed} if self._seed_stride else {}
-        return {**self.environment.get_state(), "episode_step": self._episode_step, **seed}
+        return {**self.environment.get_state(), "episode_step": self._episode_step, **self._seeds.saved()}
 
     def set_state(self, state: Mapping[str, Any]) -> Any:
         """Sets a state returned by `get_state` of this environment, or of another one built with the same arguments.
@@ -443,14 +441,15 @@ class SuiteEnv(gymnasium.Env):
         if not isinstance(state, Mapping):
             raise TypeError(f"state must be a dict returned by get_state, got {checks.shown(state)}")
         step = checks.integer(state.get("episode_step"), "state['episode_step']", minimum=0)
-        own = ("episode_step", NEXT_SEED) if self._seed_stride else ("episode_step",)
-        next_seed = checked_next_seed(state) if self._seed_stride else UNKNOWN
+        own = ("episode_step", *self._seeds.saved())
+        next_seed = self._seeds.checked(state)
         self._bind_random_state()
         inner = {key: value for key, value in state.items() if key not in own}
         observation = self._get_obs(self.environment.set_state(inner))
-        self._episode_step, self._next_seed = step, next_seed
-        if self._seed_stride:
-            self._np_random_seed = UNKNOWN if next_seed == UNKNOWN else next_seed - self._seed_stride
+        self._episode_step = step
+        self._seeds.next = next_seed
+        if self._seeds:
+            self._np_random_seed = self._seeds.current
         return observation
 
     def render(self) -> np.ndarray | None:
@@ -475,16 +474,15 @@ class SuiteEnv(gymnasium.Env):
           ValueError: with `episode_seeds`, a generator was assigned in place of a seed, and has had its episode.
         """
         has_drawn = self._bound_random is self.np_random
-        return known(self._next_seed) if self._seed_stride and seed is None and has_drawn else seed
+        return self._seeds.known() if self._seeds and seed is None and has_drawn else seed
 
     def _bind_random_state(self) -> None:
         """Makes the suite's environment draw from `np_random`, which Gymnasium replaces at each seeding."""
         if self._bound_random is not self.np_random:
             self._bound_random = self.np_random
             self.environment.random_state = np.random.RandomState(self.np_random.bit_generator)
-            # Gymnasium's mark of a generator that was assigned.
-            has_seed = self._seed_stride and self.np_random_seed != -1
-            self._next_seed = self.np_random_seed + self._seed_stride if has_seed else UNKNOWN
+            # Gymnasium's mark of a generator that was assigned is `UNKNOWN` as well.
+            self._seeds.next = self._seeds.after(self.np_random_seed)
 
 
 def suite_env(environment: gymnasium.Env) -> SuiteEnv:

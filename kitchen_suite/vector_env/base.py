@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.closing import closed_on_error
 from kitchen_suite.environment.edits import ModelSnapshot
-from kitchen_suite.environment.seeds import checked_stride
+from kitchen_suite.environment.seeds import EpisodeSeeds
 from kitchen_suite.gymnasium_env.base import INSTRUCTION, RESET_MASK, STATE, SuiteEnv
 from kitchen_suite.gymnasium_env.observations import Present
 from kitchen_suite.rendering.cameras import CameraParameters
@@ -104,7 +104,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
           **settings: arguments of the single environment; docs/guide/arguments.md lists those of each domain.
         """
         self.num_envs = checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
-        seed_stride = checked_stride(episode_seeds, true=self.num_envs)
+        seeds = EpisodeSeeds(episode_seeds, true=self.num_envs)
         threads = processors() if num_threads is None else num_threads
         checks.integer(threads, "num_threads", minimum=1, maximum=checks.MAX_THREADS)
         modes = [mode.value for mode in AutoresetMode]
@@ -117,10 +117,10 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         self._step_limit = np.iinfo(np.int64).max if limit is None else limit
         self._templates = self._make_templates(max_episode_steps=limit, **settings)
         with closed_on_error(dict.fromkeys(self._templates)):
-            self._build(threads, seed_stride)
+            self._build(threads, seeds)
         self.closed = False
 
-    def _build(self, threads: int, seed_stride: int) -> None:
+    def _build(self, threads: int, seeds: EpisodeSeeds) -> None:
         """Builds the environments of the single ones; for the arguments see `BatchEpisodes`."""
         written: set[str] = set()
         for template in dict.fromkeys(self._templates):
@@ -139,7 +139,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         environments = [self.template_of(i).environment for i in range(self.num_envs)]
         self._tasks = [environment.task for environment in environments]
-        self._episodes = BatchEpisodes(environments, threads, written=sorted(written), seed_stride=seed_stride)
+        self._episodes = BatchEpisodes(environments, threads, seeds, written=sorted(written))
         self._pictures = BatchPictures(environments, self._episodes)
         self._ended = np.zeros(self.num_envs, bool)
         self._everyone, self._no_one = np.full(self.num_envs, True), np.full(self.num_envs, False)

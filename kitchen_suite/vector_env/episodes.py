@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.environment import INTEGRATION_STATE, Environment
 from kitchen_suite.environment.edits import ModelSnapshot, read_field, write_field
+from kitchen_suite.environment.seeds import EpisodeSeeds
 from kitchen_suite.environment.states import moving_elements
 from kitchen_suite.gymnasium_env.base import PHYSICS_KEY
 from kitchen_suite.names import EXACT
@@ -62,9 +63,9 @@ class BatchEpisodes:
         self,
         environments: Sequence[Environment],
         threads: int,
+        seeds: EpisodeSeeds,
         *,
         written: Collection[str] = (),
-        seed_stride: int = 0,
     ) -> None:
         """Builds the simulations; `start` starts the episodes.
 
@@ -72,10 +73,10 @@ class BatchEpisodes:
           environments: the single environment that starts each of the `n` episodes, the same for many; their models are
             compiled, and their tasks differ in what is part of states and sensors alone. Nothing else may step them.
           threads: number of threads that step the episodes, including the calling one.
+          seeds: how the seed of an episode follows from that of the one before it in the same environment.
           written: fields of the model that the tasks' own code writes at resets, beside what varies.
-          seed_stride: by how much the seed of each next episode is greater; 0 where it continues the stream.
         """
-        self._seed_stride = seed_stride
+        self._seeds = seeds
         count, distinct = len(environments), [*dict.fromkeys(environments)]
         _check_robots(distinct)
         self._environments, self._task = environments, distinct[0].task
@@ -189,8 +190,8 @@ class BatchEpisodes:
 
     def _stream_of_next(self, i: int) -> Stream:
         """Returns the random stream of the next episode of environment `i`."""
-        if self._seed_stride and self.streams[i].has_episode:
-            self.streams[i] = Stream(self.streams[i].seed + self._seed_stride)
+        if self._seeds and self.streams[i].has_episode:
+            self.streams[i] = Stream(self._seeds.after(self.streams[i].seed))
         self.streams[i].has_episode = True
         return self.streams[i]
 
