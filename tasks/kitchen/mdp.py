@@ -304,8 +304,8 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     @functools.cached_property
     def noisy_observations(self) -> Mapping[str, slice]:
-        """Place of the noise of each of the sensors' observations in that of the state."""
-        return dict(zip(self.sensors.observations, self.sensors.slices, strict=True))
+        """Place of the noise of each noisy observation in that of the state."""
+        return self.sensors.noisy_observations
 
     def corrupted(self, key: str, clean: NDArray, state: KitchenState) -> NDArray:
         place = self.noisy_observations.get(key)
