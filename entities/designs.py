@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
 from kitchen_suite.entities.fixture_designs import HANDLES, HINGES, KINDS, LEVELS, FixtureDesign
-from kitchen_suite.entities.fixtures import BAR_HALF_LENGTH, build_fixture
+from kitchen_suite.entities.fixtures import BAR_HALF_LENGTH
 from kitchen_suite.entities.grammar import draw_plan
 from kitchen_suite.entities.kitchen_plans import SIDES, KitchenPlan, Row
 from kitchen_suite.entities.scenes import robot_base
@@ -202,7 +202,7 @@ def _check_reach(plan: KitchenPlan) -> None:
 @functools.cache
 def _handles(design: FixtureDesign) -> tuple[tuple[str | None, NDArray[np.float64]], ...]:
     """Returns each part's joint and the position of its handle in the frame of its fixture [m]."""
-    prop, parts = build_fixture(design, next(iter(STYLES.values())), visuals=False, name=design.kind)
+    prop, parts = design.build(next(iter(STYLES.values())), visuals=False, name=design.kind)
     physics = mjcf.Physics.from_mjcf_model(prop.mjcf_model)
     sites = [(part.joint, prop.mjcf_model.find("site", part.handle)) for part in parts]
     return tuple((joint, np.add(design.origin, physics.bind(site).xpos)) for joint, site in sites)

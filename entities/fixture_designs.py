@@ -1,11 +1,11 @@
-"""Designs of fixtures: a record for each kind, with the bounds of its sizes and the box that the fixture takes up.
+"""Kinds of fixtures: a class for each, with the bounds of its sizes, its extent, and how it is built.
 
 A fixture's frame has its origin in the middle of its front, x to the right of who stands before it, y into it, z up.
 The origin is at the upper edge of a fixture below a counter, and of a tall one at the counter's height; that of others
 is at the lower edge.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, NamedTuple, get_args
 
@@ -13,18 +13,28 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from kitchen_suite.entities import props
+from kitchen_suite.entities.fixtures import (
+    CLEARANCE,
+    GAP,
+    KNOB_RADIUS,
+    PANEL,
+    WORKTOP,
+    BoxFixture,
+    BuiltFixture,
+    Handle,
+    Part,
+)
+from kitchen_suite.entities.props import Prop
+from kitchen_suite.entities.styles import Style
 from kitchen_suite.types import Vector
 
 Level = Literal["base", "counter", "wall", "tall"]  # Below the counter, on it, above it, or beside it.
-Handle = Literal["bar", "knob"]
 Hinge = Literal["left", "right"]
 
 LEVELS: tuple[Level, ...] = get_args(Level)
 HANDLES: tuple[Handle, ...] = get_args(Handle)
 HINGES: tuple[Hinge, ...] = get_args(Hinge)
-
-CLEARANCE = 0.06  # Distance of the axis of a handle's bar from the front [m].
-KNOB_RADIUS = 0.018  # Radius of a knob as a handle [m].
 
 _ROOM = CLEARANCE + KNOB_RADIUS  # Room before fixtures of boxes that handles take up [m].
 
@@ -38,6 +48,19 @@ _OVEN_COUNTER = 1.6  # Height of the kitchen's counter above the frame of its ov
 
 STOVE_WIDTH = 0.45  # Least width of a stove [m].
 SLIDING_WIDTH = 0.5  # Least width of a cabinet with a sliding door [m].
+
+_EDGE = 0.05  # Distance of a door's handle from the door's free edge [m].
+_CORNER = 0.1  # Distance of a door's handle from the door's upper or lower edge [m].
+
+_DRAWER_TRAVEL = 0.3  # Greatest travel of drawers [m].
+_SLIDING_TRAVEL = 0.26  # Greatest travel of sliding doors [m].
+_DOOR_TRAVEL = 1.57  # Greatest travel of hinged doors [rad].
+
+_DRAWER_OPENING = 0.2  # Opening at which a drawer counts as wide open [m].
+_SLIDING_OPENING = 0.2  # Opening at which a sliding door counts as wide open [m].
+_DOOR_OPENING = 0.9  # Opening at which a hinged door counts as wide open [rad].
+_KNOB_ANGLE = -0.88  # Angle at which a knob counts as on [rad].
+_SWITCH_ANGLE = -0.69  # Angle at which a switch counts as on [rad].
 
 _Width = Annotated[float, Meta(ge=0.3, le=0.9)]
 _Count = Annotated[int, Meta(ge=1, le=4)]
@@ -109,8 +132,30 @@ class FixtureDesign(
         """Position of the frame of its entity in the fixture's frame [m]."""
         return 0.0, 0.0, 0.0
 
+    def build(self, style: Style, *, visuals: bool, name: str) -> BuiltFixture:
+        """Builds the fixture.
 
-class DrawersDesign(FixtureDesign, frozen=True, tag="drawers"):
+        Args:
+          style: colours of the boxes, or of the lacquer of a prop of the kitchen.
+          visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
+          name: prefix of its elements in a scene.
+        """
+        raise NotImplementedError
+
+
+class BoxDesign(FixtureDesign, frozen=True):
+    """A fixture of boxes."""
+
+    def build(self, style: Style, *, visuals: bool, name: str) -> BuiltFixture:
+        prop = BoxFixture(furnish=self.furnish, style=style, visuals=visuals, name=name)
+        return BuiltFixture(prop, prop.parts)
+
+    def furnish(self, fixture: BoxFixture) -> None:
+        """Adds the boxes and the parts to a fixture, within the extent."""
+        raise NotImplementedError
+
+
+class DrawersDesign(BoxDesign, frozen=True, tag="drawers"):
     """Drawers below a worktop, one above the other.
 
     Attributes:
@@ -130,43 +175,83 @@ class DrawersDesign(FixtureDesign, frozen=True, tag="drawers"):
 
     @property
     def extent(self) -> Extent:
-        return _boxes_extent(self.width, bottom=-self.height, top=0.0, depth=_BASE_DEPTH)
+        return _base_extent(self.width, self.height)
+
+    def furnish(self, fixture: BoxFixture) -> None:
+        extent = self.extent
+        half_width = self.width / 2
+        fixture.add_worktop(self.width, extent.depth, extent.top)
+        fixture.add_carcass((-half_width, 0, extent.bottom), (half_width, extent.depth, -WORKTOP))
+        height = (self.height - WORKTOP) / self.count
+        inner = half_width - PANEL - GAP
+        back = extent.depth - 2 * PANEL
+        joint = {"type": "slide", "axis": (0, -1, 0), "range": (0, _DRAWER_TRAVEL), "damping": 8, "frictionloss": 2}
+        for number in range(self.count):
+            name = f"drawer_{number + 1}"
+            words = _numbered("drawer", number, self.count)
+            body = fixture.add_part("drawer", name, _DRAWER_OPENING, words, joint=joint)
+            top = -WORKTOP - number * height
+            low = (-half_width + GAP, 0, top - height + GAP / 2)
+            high = (half_width - GAP, PANEL, top - GAP / 2)
+            fixture.add_box(body, name, low, high, "front", 0.8)
+            floor = top - height + PANEL + GAP
+            rim = max(top - 0.3 * height, floor + 0.01)
+            fixture.add_box(body, f"{name}_floor", (-inner, PANEL, floor), (inner, back, floor + 0.01), "carcass", 0.4)
+            for side, x in (("left", -inner), ("right", inner - 0.01)):
+                fixture.add_box(body, f"{name}_{side}", (x, PANEL, floor), (x + 0.01, back, rim), "carcass", 0.1)
+            fixture.add_handle(body, self.handle, (0, 0, top - height / 2), upright=False)
 
 
-class BaseDoorsDesign(FixtureDesign, frozen=True, tag="base_doors"):
-    """One or two hinged doors below a worktop.
+class DoorsDesign(BoxDesign, frozen=True):
+    """One or two hinged doors below a worktop or above a counter.
 
     Attributes:
+      handle_height: of the handles, in the fixture's frame [m].
       width: along the row [m].
-      height: from its lower edge to the upper face of the worktop [m].
+      height: from the fixture's lower edge to its upper one, which may be that of a worktop [m].
       count: number of doors.
       handle: of each door.
       hinge: side of the hinges of a single door; None for two, which are hinged at both sides.
     """
 
-    level = "base"
-    words = "cabinet"
+    handle_height: ClassVar[float]
 
     width: _Width
-    height: Annotated[float, Meta(ge=0.3, le=0.7)]
+    height: float
     count: _DoorCount
     handle: Handle
     hinge: Hinge | None = None
 
     def __post_init__(self) -> None:
-        _check_hinge(self.count, self.hinge)
+        if (self.count == 1) != (self.hinge is not None):
+            raise ValueError("must have a hinge if, and only if, its count is 1")
 
     @property
     def hinges(self) -> tuple[Hinge, ...]:
         """Sides on which doors are hinged."""
         return HINGES if self.hinge is None else (self.hinge,)
 
+
+class BaseDoorsDesign(DoorsDesign, frozen=True, tag="base_doors"):
+    """One or two hinged doors below a worktop; see `DoorsDesign`."""
+
+    level = "base"
+    words = "cabinet"
+    handle_height = -WORKTOP - _CORNER
+
+    height: Annotated[float, Meta(ge=0.3, le=0.7)]
+
     @property
     def extent(self) -> Extent:
-        return _boxes_extent(self.width, bottom=-self.height, top=0.0, depth=_BASE_DEPTH)
+        return _base_extent(self.width, self.height)
+
+    def furnish(self, fixture: BoxFixture) -> None:
+        extent = self.extent
+        fixture.add_worktop(self.width, extent.depth, extent.top)
+        _add_doors(fixture, self, top=extent.top - WORKTOP)
 
 
-class StoveDesign(FixtureDesign, frozen=True, tag="stove"):
+class StoveDesign(BoxDesign, frozen=True, tag="stove"):
     """A stove below a cooktop, with knobs in its front.
 
     Attributes:
@@ -184,44 +269,48 @@ class StoveDesign(FixtureDesign, frozen=True, tag="stove"):
 
     @property
     def extent(self) -> Extent:
-        return _boxes_extent(self.width, bottom=-self.height, top=0.0, depth=_BASE_DEPTH)
+        return _base_extent(self.width, self.height)
+
+    def furnish(self, fixture: BoxFixture) -> None:
+        extent = self.extent
+        width = self.width
+        depth = extent.depth
+        bottom = extent.bottom
+        body = fixture.body
+        fixture.add_box(body, "top", (-width / 2, -0.01, -WORKTOP), (width / 2, depth, 0), "dark")
+        fixture.add_box(body, "case", (-width / 2 + GAP, 0, bottom), (width / 2 - GAP, depth, -WORKTOP), "steel")
+        window = (-0.35 * width, -0.004, 0.9 * bottom), (0.35 * width, 0, 0.4 * bottom)
+        fixture.add_box(body, "window", *window, "dark")
+        step = min(0.15, (width - 0.1) / self.count)
+        for number in range(self.count):
+            words = _numbered("knob", number, self.count, ("left", "middle", "right"))
+            _add_knob(fixture, f"knob_{number + 1}", words, (number - (self.count - 1) / 2) * step)
+        for x in (-0.22 * width, 0.22 * width):
+            for y in (0.27 * depth, 0.73 * depth):
+                for radius, height, material in ((0.09, 0.002, "steel"), (0.08, 0.003, "dark")):
+                    plate = {"type": "cylinder", "size": (radius, height), "pos": (x, y, 0)}
+                    body.add("geom", dclass="visual", material=material, **plate)
 
 
-class WallDoorsDesign(FixtureDesign, frozen=True, tag="wall_doors"):
-    """A cabinet above the counter with one or two hinged doors.
-
-    Attributes:
-      width: along the row [m].
-      height: of the cabinet [m].
-      count: number of doors.
-      handle: of each door.
-      hinge: side of the hinges of a single door; None for two, which are hinged at both sides.
-    """
+class WallDoorsDesign(DoorsDesign, frozen=True, tag="wall_doors"):
+    """A cabinet above the counter with one or two hinged doors; see `DoorsDesign`."""
 
     level = "wall"
     words = "wall cabinet"
+    handle_height = _CORNER
 
-    width: _Width
     height: Annotated[float, Meta(ge=0.3, le=0.6)]
-    count: _DoorCount
-    handle: Handle
-    hinge: Hinge | None = None
-
-    def __post_init__(self) -> None:
-        _check_hinge(self.count, self.hinge)
-
-    @property
-    def hinges(self) -> tuple[Hinge, ...]:
-        """Sides on which doors are hinged."""
-        return HINGES if self.hinge is None else (self.hinge,)
 
     @property
     def extent(self) -> Extent:
-        return _boxes_extent(self.width, bottom=0.0, top=self.height, depth=_WALL_DEPTH)
+        return _wall_extent(self.width, self.height)
+
+    def furnish(self, fixture: BoxFixture) -> None:
+        _add_doors(fixture, self, top=self.extent.top)
 
 
-class WallSlidingDesign(FixtureDesign, frozen=True, tag="wall_sliding"):
-    """A cabinet above the counter with a sliding door before one half.
+class WallSlidingDesign(BoxDesign, frozen=True, tag="wall_sliding"):
+    """A cabinet above the counter with a door before one half, which slides before the other half.
 
     Attributes:
       width: along the row [m].
@@ -240,13 +329,32 @@ class WallSlidingDesign(FixtureDesign, frozen=True, tag="wall_sliding"):
 
     @property
     def extent(self) -> Extent:
-        return _boxes_extent(self.width, bottom=0.0, top=self.height, depth=_WALL_DEPTH)
+        return _wall_extent(self.width, self.height)
+
+    def furnish(self, fixture: BoxFixture) -> None:
+        extent = self.extent
+        half_width = self.width / 2
+        fixture.add_carcass((-half_width, 0, 0), (half_width, extent.depth, extent.top))
+        upper = extent.top - GAP
+        sign = 1 if self.hinge == "left" else -1
+        left, right = sorted((0.0, sign * (half_width - GAP)))
+        fixture.add_box(fixture.body, "panel", (left, 0, GAP), (right, PANEL, upper), "front")
+        travel = min(_SLIDING_TRAVEL, half_width - _EDGE)
+        slide = {"axis": (1, 0, 0), "range": (0, travel) if sign > 0 else (-travel, 0)}
+        joint = {"type": "slide", **slide, "damping": 2, "frictionloss": 2}
+        opened = sign * min(_SLIDING_OPENING, 0.8 * travel)
+        body = fixture.add_part("sliding door", "door", opened, "sliding door", joint=joint)
+        left, right = sorted((-sign * (half_width - GAP), 0.0))
+        fixture.add_box(body, "door", (left, -PANEL - GAP, GAP), (right, -GAP, upper), "front", 1.0)
+        place = (-sign * (half_width - _EDGE - GAP), -PANEL - GAP, _CORNER)
+        fixture.add_handle(body, self.handle, place, upright=True)
 
 
-class TallDoorDesign(FixtureDesign, frozen=True, tag="tall_door"):
+class TallDoorDesign(BoxDesign, frozen=True, tag="tall_door"):
     """A tall cabinet with a hinged door.
 
     Attributes:
+      handle_height: of the handle, in the fixture's frame [m].
       width: along the row [m].
       handle: of the door.
       hinge: side of its hinges.
@@ -254,6 +362,7 @@ class TallDoorDesign(FixtureDesign, frozen=True, tag="tall_door"):
 
     level = "tall"
     words = "tall cabinet"
+    handle_height: ClassVar[float] = 0.2
 
     width: Annotated[float, Meta(ge=0.3, le=0.6)]
     handle: Handle
@@ -266,18 +375,25 @@ class TallDoorDesign(FixtureDesign, frozen=True, tag="tall_door"):
 
     @property
     def extent(self) -> Extent:
-        return _boxes_extent(self.width, bottom=_TALL_BOTTOM, top=_TALL_TOP, depth=_BASE_DEPTH)
+        return _box_extent(self.width, bottom=_TALL_BOTTOM, top=_TALL_TOP, depth=_BASE_DEPTH)
+
+    def furnish(self, fixture: BoxFixture) -> None:
+        _add_doors(fixture, self, top=self.extent.top)
 
 
 class KitchenPropDesign(FixtureDesign, frozen=True):
     """A prop of the kitchen as a fixture, which has one size.
 
     Attributes:
+      prop: class of the prop.
+      parts: that move, which have names of their own.
       low: least corner of what it takes up without handles, in the prop's own frame [m].
       high: greatest corner of it [m].
       room: for handles before it [m].
     """
 
+    prop: ClassVar[type[Prop]]
+    parts: ClassVar[tuple[Part, ...]]
     low: ClassVar[Vector]
     high: ClassVar[Vector]
     room: ClassVar[float] = 0.0
@@ -293,12 +409,40 @@ class KitchenPropDesign(FixtureDesign, frozen=True):
         right, back, top = np.add(self.high, self.origin).tolist()
         return Extent((x, y - self.room, z), (right, back, top))
 
+    def build(self, style: Style, *, visuals: bool, name: str) -> BuiltFixture:
+        prop = self.prop(visuals=visuals, name=name)
+        lacquer = prop.mjcf_model.find("material", "lacquer")
+        if lacquer is not None:
+            lacquer.rgba = (*style.front, 1)
+        return BuiltFixture(prop, self.parts)
+
+
+def _oven_knob(number: int, place: str, burner: str, twin: str) -> Part:
+    """Returns a knob of the oven, which moves its burner."""
+    return Part(
+        "knob",
+        f"knob_Joint_{number}",
+        f"knob_{number}",
+        _KNOB_ANGLE,
+        f"{place} knob",
+        follower=burner,
+        ratio=1 / 174,
+        twin=twin,
+    )
+
 
 class OvenDesign(KitchenPropDesign, frozen=True, tag="oven"):
     """The kitchen's oven, with its knobs and burners."""
 
     level = "base"
     words = "oven"
+    prop = props.Oven
+    parts = (
+        _oven_knob(4, "upper left", "top_left_burner", "top burner"),
+        _oven_knob(3, "upper right", "top_right_burner", "top right burner"),
+        _oven_knob(2, "lower left", "bottom_left_burner", "bottom burner"),
+        _oven_knob(1, "lower right", "bottom_right_burner", "bottom right burner"),
+    )
     low = (-0.402, -0.704, 0.0)
     high = (0.598, 0.613, 2.39)
 
@@ -308,6 +452,19 @@ class HoodDesign(KitchenPropDesign, frozen=True, tag="hood"):
 
     level = "wall"
     words = "hood"
+    prop = props.Hood
+    parts = (
+        Part(
+            "switch",
+            "light_switch",
+            "switch",
+            _SWITCH_ANGLE,
+            "light switch",
+            follower="light_joint",
+            ratio=1 / 14,
+            twin="light switch",
+        ),
+    )
     low = (-0.402, -0.179, 2.164)
     high = (0.602, 0.597, 2.404)
 
@@ -317,6 +474,9 @@ class HingeCabinetDesign(KitchenPropDesign, frozen=True, tag="hinge_cabinet"):
 
     level = "wall"
     words = "hinge cabinet"
+    prop = props.HingeCabinet
+    # The left door is in reach in few places only.
+    parts = (Part("door", "right_hinge_cabinet", "right_handle", 1.3, "right door", twin="hinge cabinet"),)
     low = (-0.4, -0.35, -0.2)
     high = (0.4, 0.3, 0.2)
     room = 0.12
@@ -327,6 +487,8 @@ class SlideCabinetDesign(KitchenPropDesign, frozen=True, tag="slide_cabinet"):
 
     level = "wall"
     words = "slide cabinet"
+    prop = props.SlideCabinet
+    parts = (Part("sliding door", "slide_cabinet", "handle", 0.33, "sliding door", twin="slide cabinet"),)
     low = (-0.45, -0.36, -0.2)
     high = (0.45, 0.3, 0.2)
     room = 0.11
@@ -337,6 +499,8 @@ class MicrowaveDesign(KitchenPropDesign, frozen=True, tag="microwave"):
 
     level = "counter"
     words = "microwave"
+    prop = props.Microwave
+    parts = (Part("door", "microwave", "handle", -0.75, "door", twin="microwave"),)
     low = (-0.345, -0.221, 0.0)
     high = (0.345, 0.222, 0.374)
     room = 0.1
@@ -363,12 +527,61 @@ KINDS: Mapping[str, type[AnyFixture]] = MappingProxyType(
 """The kinds of fixtures by name."""
 
 
-def _boxes_extent(width: float, *, bottom: float, top: float, depth: float) -> Extent:
+def _base_extent(width: float, height: float) -> Extent:
+    """Returns what a fixture of boxes below a counter takes up, with its handles [m]."""
+    return _box_extent(width, bottom=-height, top=0.0, depth=_BASE_DEPTH)
+
+
+def _wall_extent(width: float, height: float) -> Extent:
+    """Returns what a fixture of boxes above a counter takes up, with its handles [m]."""
+    return _box_extent(width, bottom=0.0, top=height, depth=_WALL_DEPTH)
+
+
+def _box_extent(width: float, *, bottom: float, top: float, depth: float) -> Extent:
     """Returns what a fixture of boxes takes up, with its handles [m]."""
     return Extent((-width / 2, -_ROOM, bottom), (width / 2, depth, top))
 
 
-def _check_hinge(count: int, hinge: Hinge | None) -> None:
-    """Raises a ValueError unless a single door has a hinge, and two doors have none."""
-    if (count == 1) != (hinge is not None):
-        raise ValueError("must have a hinge if, and only if, its count is 1")
+def _add_doors(fixture: BoxFixture, design: DoorsDesign | TallDoorDesign, *, top: float) -> None:
+    """Adds a carcass up to a height in the fixture's frame [m], and its hinged doors."""
+    extent = design.extent
+    half_width = design.width / 2
+    fixture.add_carcass((-half_width, 0, extent.bottom), (half_width, extent.depth, top))
+    is_single = len(design.hinges) == 1
+    span = design.width / len(design.hinges) - 2 * GAP
+    lower = extent.bottom + GAP
+    upper = top - GAP
+    mass = max(0.5, 6.0 * span * (upper - lower))
+    for side in design.hinges:
+        words = "door" if is_single else f"{side} door"
+        # Of the side of the hinges, from which the door swings towards who stands before it.
+        sign = 1 if side == "left" else -1
+        swing = {"axis": (0, 0, 1), "range": (-_DOOR_TRAVEL, 0) if sign > 0 else (0, _DOOR_TRAVEL)}
+        joint = {"type": "hinge", **swing, "damping": 0.8, "frictionloss": 0.6}
+        pos = (-sign * (half_width - GAP), PANEL / 2, 0)
+        body = fixture.add_part("door", f"{side}_door", -sign * _DOOR_OPENING, words, joint=joint, pos=pos)
+        left, right = sorted((0.0, sign * span))
+        fixture.add_box(body, body.name, (left, -PANEL / 2, lower), (right, PANEL / 2, upper), "front", mass)
+        place = (sign * (span - _EDGE), -PANEL / 2, design.handle_height)
+        fixture.add_handle(body, design.handle, place, upright=True)
+
+
+def _add_knob(fixture: BoxFixture, name: str, words: str, x: float) -> None:
+    """Adds a knob like those of the oven, whose bar is upright while it is off."""
+    joint = {"type": "hinge", "axis": (0, 0, 1), "range": (-1.57, 0), "damping": 0.4, "frictionloss": 0.1}
+    place = {"pos": (x, 0, -WORKTOP - 0.07), "xyaxes": (1, 0, 0, 0, 0, 1)}
+    body = fixture.add_part("knob", name, _KNOB_ANGLE, words, joint=joint, **place)
+    mass = {"mass": 0.01}
+    bar = (0, 0, 0.038)
+    fixture.add_geoms(body, f"{name}_bar", "dark", mass, type="box", pos=bar, size=(0.014, 0.048, 0.018))
+    fixture.add_geoms(body, f"{name}_disc", "steel", mass, type="cylinder", pos=(0, 0, 0.013), size=(0.05, 0.008))
+    body.add("site", name=f"{name}_handle", pos=bar, size=(0.01,), group=3)
+
+
+def _numbered(noun: str, number: int, count: int, ends: Sequence[str] = ("top", "middle", "bottom")) -> str:
+    """Returns a part in words: alone, the first, the last, or one between them by its number."""
+    if count == 1:
+        return noun
+    first, middle, last = ends
+    between = (middle,) if count == 3 else ("second", "third")[: count - 2]
+    return f"{(first, *between, last)[number]} {noun}"

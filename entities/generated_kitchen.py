@@ -8,7 +8,7 @@ import numpy as np
 
 from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA
 from kitchen_suite.entities.designs import Design, KitchenDesign
-from kitchen_suite.entities.fixtures import GAP, KETTLE, PANEL, Part, build_fixture
+from kitchen_suite.entities.fixtures import GAP, PANEL, Part
 from kitchen_suite.entities.kitchen_plans import SIDES, Placed, Side
 from kitchen_suite.entities.parameters import Parameter, door_parameters
 from kitchen_suite.entities.props import Kettle, Prop
@@ -21,6 +21,9 @@ MAX_PARTS = 16  # Greatest number of parts in a kitchen.
 
 # Position of a kettle on the first burner, in the frame of the oven [m].
 _KETTLE_PLACE = np.array([-0.169, -0.4, 1.626])
+
+# The kettle counts as moved when it has come 0.4 m back, to the next burner.
+_KETTLE = Part("kettle", None, "handle", 0.4, "kettle", twin="kettle")
 
 _WALL_REACH = 1.4  # Half the width of the back wall [m].
 _WALL_TOP = 3.1  # Height of the walls' upper edges [m].
@@ -80,7 +83,7 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
     props: dict[str, Prop] = {}
     parts: list[tuple[str, Part]] = []
     for placed in made.placed:
-        built = build_fixture(placed.design, style, visuals=visuals, name=placed.name)
+        built = placed.design.build(style, visuals=visuals, name=placed.name)
         props[placed.name] = built.prop
         arena.attach_at(built.prop, placed.in_world(np.array(placed.design.origin)), placed.yaw)
         parts += [(placed.name, part) for part in built.parts]
@@ -90,7 +93,7 @@ def build_generated_kitchen(design: Design = 0, split: str = "train", *, visuals
         props["kettle"] = kettle
         place = oven.in_world(np.array(oven.design.origin) + _KETTLE_PLACE)
         arena.attach_at(kettle, place, oven.yaw).add("freejoint")
-        parts.append(("kettle", KETTLE))
+        parts.append(("kettle", _KETTLE))
     if len(parts) > MAX_PARTS:
         raise ValueError(f"rows must have at most {MAX_PARTS} drawers, doors and knobs, got {len(parts)}")
     if visuals:

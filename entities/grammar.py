@@ -1,7 +1,7 @@
 """The grammar of generated kitchens: a wall with an oven or one of cabinets, then what stands beside the robot."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -15,7 +15,6 @@ from kitchen_suite.entities.fixture_designs import (
     AnyFixture,
     BaseDoorsDesign,
     DrawersDesign,
-    Handle,
     Hinge,
     HingeCabinetDesign,
     HoodDesign,
@@ -28,15 +27,9 @@ from kitchen_suite.entities.fixture_designs import (
     WallDoorsDesign,
     WallSlidingDesign,
 )
+from kitchen_suite.entities.fixtures import Handle
 from kitchen_suite.entities.kitchen_plans import KitchenPlan, Row, Side
 from kitchen_suite.entities.styles import STYLES
-
-# Probabilities of the kinds of fixtures in a row of cabinets.
-_BASE_WEIGHTS = {"drawers": 0.4, "base_doors": 0.25, "stove": 0.35}
-_WALL_WEIGHTS = {"wall_doors": 0.4, "wall_sliding": 0.2, "hinge_cabinet": 0.2, "slide_cabinet": 0.2}
-
-# Kinds of which a row of cabinets has one at most.
-_ONCE = {"stove", "wall_sliding", "hinge_cabinet", "slide_cabinet"}
 
 _LEAST_WIDTH = 0.35  # Width that is left at the end of a row, if it is less [m].
 _EXCESS = 0.05  # Width by which fixtures may be wider than their row [m].
@@ -85,7 +78,7 @@ class _Grammar:
         if self._generator.random() < 0.8:
             yield _row("back", "wall", 0.571 + y, -0.502 + x, HoodDesign(), height=counter + 0.564)
         height = counter + self._number(0.81, 0.84)
-        fixtures = self._cabinets(_WALL_WEIGHTS, self._number(1.15, 1.3))
+        fixtures = self._cabinets(_WALL_KINDS, self._number(1.15, 1.3))
         yield _row("back", "wall", 0.67 + y, -0.6 + x, *fixtures, height=height)
 
     def _cabinet_wall(self, counter: float) -> Iterator[Row]:
@@ -93,12 +86,12 @@ class _Grammar:
         distance = self._number(0.45, 0.52)
         width = self._number(1.1, 1.3)
         start = -width / 2 + self._number(-0.1, 0.1)
-        yield _row("back", "base", distance, start, *self._cabinets(_BASE_WEIGHTS, width))
+        yield _row("back", "base", distance, start, *self._cabinets(_BASE_KINDS, width))
         if self._generator.random() < 0.35:
             yield _row("back", "counter", distance + 0.05, self._number(-0.78, -0.66), MicrowaveDesign())
         height = counter + self._number(0.42, 0.5)
         distance += self._number(0.03, 0.08)
-        yield _row("back", "wall", distance, start, *self._cabinets(_WALL_WEIGHTS, width), height=height)
+        yield _row("back", "wall", distance, start, *self._cabinets(_WALL_KINDS, width), height=height)
 
     def _beside(self, side: Hinge, end: float, base_probability: float) -> Iterator[Row]:
         """Yields what stands on a side of the robot, up to a distance before it [m]; nothing, most often.
@@ -115,7 +108,8 @@ class _Grammar:
         if level == "tall":
             fixture = TallDoorDesign(width=width, handle=self._handle, hinge=side)
         else:
-            fixture = self._cabinet(self._choice(("drawers", "base_doors"), (0.6, 0.4)), width)
+            kind = self._choice(("drawers", "base_doors"), (0.6, 0.4))
+            fixture = _BASE_KINDS[kind].draw(self, width)
             if isinstance(fixture, BaseDoorsDesign):
                 fixture = msgspec.structs.replace(fixture, hinge=side)
             end -= 0.07
@@ -124,14 +118,15 @@ class _Grammar:
         start = end - width if side == "left" else -end
         yield _row(side, level, distance, start, fixture)
 
-    def _cabinets(self, weights: Mapping[str, float], width: float) -> tuple[AnyFixture, ...]:
+    def _cabinets(self, kinds: Mapping[str, "_Kind"], width: float) -> tuple[AnyFixture, ...]:
         """Returns fixtures side by side that fill a width [m], of kinds drawn by their weights."""
         fixtures: list[AnyFixture] = []
         while width >= _LEAST_WIDTH:
-            used = _ONCE.intersection(fixture.kind for fixture in fixtures)
-            allowed = np.array([0.0 if kind in used else weight for kind, weight in weights.items()])
-            kind = self._choice(tuple(weights), allowed / allowed.sum())
-            fixture = self._cabinet(kind, min(width, self._number(0.35, 0.7)))
+            present = {fixture.kind for fixture in fixtures}
+            used = {name for name, kind in kinds.items() if kind.once and name in present}
+            allowed = np.array([0.0 if name in used else kind.weight for name, kind in kinds.items()])
+            drawn = self._choice(tuple(kinds.values()), allowed / allowed.sum())
+            fixture = drawn.draw(self, min(width, self._number(0.35, 0.7)))
             if isinstance(fixture, SlideCabinetDesign) and not fixtures:
                 # Its handle, at its left end, would be too far to the left.
                 fixture = SlideCabinetDesign(gap=0.3)
@@ -144,45 +139,27 @@ class _Grammar:
             width -= taken
         return tuple(fixtures)
 
-    def _cabinet(self, kind: str, width: float) -> AnyFixture:
-        """Returns a fixture of a kind that rows of cabinets have, near a width unless it has one size [m]."""
-        match kind:
-            case "drawers":
-                return self._drawers(width)
-            case "base_doors":
-                return self._base_doors(width)
-            case "stove":
-                return self._stove(width)
-            case "wall_doors":
-                return self._wall_doors(width)
-            case "wall_sliding":
-                return self._wall_sliding(width)
-            case "hinge_cabinet":
-                return HingeCabinetDesign()
-            case _:
-                return SlideCabinetDesign()
-
-    def _drawers(self, width: float) -> DrawersDesign:
+    def drawers(self, width: float) -> DrawersDesign:
         count = self._choice((1, 2))
         height = round(_DRAWERS_HEIGHT[count] + self._number(0.0, 0.04), 3)
         return DrawersDesign(width=round(width, 3), height=height, count=count, handle=self._handle)
 
-    def _base_doors(self, width: float) -> BaseDoorsDesign:
+    def base_doors(self, width: float) -> BaseDoorsDesign:
         count, hinge = self._door_count(width)
         height = self._number(0.4, 0.5)
         return BaseDoorsDesign(width=round(width, 3), height=height, count=count, handle=self._handle, hinge=hinge)
 
-    def _stove(self, width: float) -> StoveDesign:
+    def stove(self, width: float) -> StoveDesign:
         width = round(max(width, STOVE_WIDTH), 3)
         counts = (2, 3, 4)[: int(8 * (width - 0.1)) - 1]  # Knobs are an eighth of a metre apart at least.
         return StoveDesign(width=width, height=_STOVE_HEIGHT, count=self._choice(counts))
 
-    def _wall_doors(self, width: float) -> WallDoorsDesign:
+    def wall_doors(self, width: float) -> WallDoorsDesign:
         count, hinge = self._door_count(width)
         height = self._number(0.35, 0.4)
         return WallDoorsDesign(width=round(width, 3), height=height, count=count, handle=self._handle, hinge=hinge)
 
-    def _wall_sliding(self, width: float) -> WallSlidingDesign:
+    def wall_sliding(self, width: float) -> WallSlidingDesign:
         width = round(max(width, SLIDING_WIDTH), 3)
         height = self._number(0.35, 0.4)
         return WallSlidingDesign(width=width, height=height, handle=self._handle, hinge=self._choice(HINGES))
@@ -199,6 +176,34 @@ class _Grammar:
 
     def _choice(self, values: Sequence[T], weights: Sequence[float] | NDArray[np.float64] | None = None) -> T:
         return values[int(self._generator.choice(len(values), p=weights))]
+
+
+class _Kind(NamedTuple):
+    """A kind of fixture in rows of cabinets.
+
+    Attributes:
+      weight: relative probability of the kind.
+      draw: draws a fixture of the kind, near a width unless it has one size [m].
+      once: whether a row has one at most.
+    """
+
+    weight: float
+    draw: Callable[[_Grammar, float], AnyFixture]
+    once: bool = False
+
+
+# The kinds in rows of cabinets below a counter and above one, by name.
+_BASE_KINDS = {
+    "drawers": _Kind(0.4, _Grammar.drawers),
+    "base_doors": _Kind(0.25, _Grammar.base_doors),
+    "stove": _Kind(0.35, _Grammar.stove, once=True),
+}
+_WALL_KINDS = {
+    "wall_doors": _Kind(0.4, _Grammar.wall_doors),
+    "wall_sliding": _Kind(0.2, _Grammar.wall_sliding, once=True),
+    "hinge_cabinet": _Kind(0.2, lambda grammar, width: HingeCabinetDesign(), once=True),
+    "slide_cabinet": _Kind(0.2, lambda grammar, width: SlideCabinetDesign(), once=True),
+}
 
 
 def _row(

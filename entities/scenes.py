@@ -258,11 +258,6 @@ _PROPS: tuple[type[kitchen_props.KitchenProp], ...] = (
     kitchen_props.Kettle,
 )
 
-# Names of the joints of each prop with joints, in the order in which these are observed.
-JOINT_NAMES: Mapping[str, Sequence[str]] = {prop.xml_name: prop.joint_names for prop in _PROPS if prop.joint_names}
-
-OBSERVED_PROPS = tuple(JOINT_NAMES)  # Names of these props.
-
 
 class KitchenArena(SiteArena):
     """Floor, lights, cameras, the robot's pedestal, and a site for the robot and for each prop."""
@@ -350,11 +345,6 @@ def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False, robot: str
     scene = Scene.furnish(arena, arm, [prop(visuals=visuals) for prop in _PROPS])
     exclude_base_contacts(arena, arm)
     return scene
-
-
-def in_observed_order(by_prop: Mapping[str, Sequence[float]]) -> list[float]:
-    """Returns numbers by prop as one list, in the order in which the kitchen's joints are observed."""
-    return [number for name in OBSERVED_PROPS for number in by_prop[name]]
 
 
 def exclude_base_contacts(arena: KitchenArena, robot: Robot) -> None:

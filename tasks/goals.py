@@ -143,6 +143,11 @@ class Progress(NamedTuple):
             completion_steps=np.full(shape, -1),
         )
 
+    @classmethod
+    def of_request(cls, order: NDArray[np.int64]) -> Self:
+        """Returns the progress before the first step of an episode that asks for tasks in an order `(..., n)`."""
+        return cls.initial(order.shape)._replace(remaining=order >= 0)
+
     def update(self, within: NDArray[np.bool_], *, remove_task_when_completed: bool) -> Self:
         """Returns the progress after one more step, with the tasks then `within` `(..., n)` their thresholds."""
         step = self.step + 1

@@ -99,6 +99,11 @@ def order_of(indices: Sequence[int] | NDArray[np.int64], count: int) -> NDArray[
     return order
 
 
+def order_info(order: NDArray[np.int64]) -> dict[str, NDArray]:
+    """Returns the infos on the tasks that an order `(..., n)` asks for: fresh arrays `(..., n)`."""
+    return {f"{REQUESTED}_mask": order >= 0, REQUESTED_ORDER: order.copy()}
+
+
 def next_in_turn(order: NDArray[np.int64], completed: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Returns which task `(..., n)` of an order is next: the first that is not `completed`; the last one if all are."""
     places = np.where((order >= 0) & ~completed, order, order.shape[-1])

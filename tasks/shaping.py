@@ -128,6 +128,11 @@ REWARDS: Mapping[str, Mapping[str, RewardTerm]] = MappingProxyType(
 )
 """The terms of each reward, by the names of reward and term."""
 
+# Rewards that follow how far the tasks have come, by the `shares` of a step.
+DENSE = REWARDS.keys() - {"sparse"}
+
+# Names of the terms of the sparse reward, which follow from the completions: neither infos nor saved states have them.
+SPARSE_TERMS = REWARDS["sparse"].keys()
 
 GOAL_TERMS = frozenset({completions, approach, progress, completed, approach_gain, progress_gain, completion_gain})
 """Terms that read only `completions` or, of a dense reward, `shares` of a step, so that they can be computed for other

@@ -31,7 +31,7 @@ from kitchen_suite.domains.arguments import Argument, Owner
 from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Robot
 from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.fixture_designs import KINDS, FixtureDesign
-from kitchen_suite.entities.fixtures import PART_KINDS, build_fixture
+from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.entities.props import BURNERS
 from kitchen_suite.entities.styles import STYLES
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
@@ -249,7 +249,7 @@ def fixture_table() -> str:
         most = {option: allowed[-1] for option, allowed in values.items()}
         if most.get("count") == 2:
             del most["hinge"]
-        parts = build_fixture(kind(**most), STYLES["oak"], visuals=False, name=name).parts
+        parts = kind(**most).build(STYLES["oak"], visuals=False, name=name).parts
         words = ", ".join(dict.fromkeys(part.kind for part in parts))
         options = "; ".join(f"`{option}` {_values(allowed)}" for option, allowed in values.items())
         count = f"1 to {len(parts)}" if "count" in values else len(parts)

@@ -20,10 +20,10 @@ from kitchen_suite.entities.fixtures import PART_KINDS, Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.scenes import Scene, robot_base
 from kitchen_suite.tasks import rotations
+from kitchen_suite.tasks.completion import CompletionMDP
 from kitchen_suite.tasks.goals import Progress
-from kitchen_suite.tasks.mdp import MDP
-from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER
-from kitchen_suite.tasks.shaping import REWARDS, Shares, covered
+from kitchen_suite.tasks.orders import order_info
+from kitchen_suite.tasks.shaping import Shares, covered
 from kitchen_suite.tasks.simulation import Columns, Simulation, as_columns
 from kitchen_suite.tasks.terms import Observation, Transition, end_to_end
 from kitchen_suite.types import Array
@@ -59,8 +59,6 @@ NOISE_SIZE = _NOISE["openings"].stop
 NOISE_SLICES = MappingProxyType(
     {"robot_noise": slice(0, _NOISE["handles"].start), "object_noise": slice(_NOISE["handles"].start, NOISE_SIZE)}
 )
-
-_SPARSE = REWARDS["sparse"].keys()
 
 
 class Slots(NamedTuple):
@@ -353,22 +351,18 @@ class GeneratedKitchenTransition(Transition):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class GeneratedKitchenMDP(MDP[SlotReading, GeneratedKitchenState]):
+class GeneratedKitchenMDP(CompletionMDP[SlotReading, GeneratedKitchenState]):
     """Settings of a task in generated kitchens, and the mathematics of an episode under them.
 
     Attributes:
       sensors: of robot and parts.
       noise_scale: `(82,)`, greatest noise of joints, handles and openings.
       num_slots: number of slots that are observed.
-      is_dense: whether a dense reward is paid.
-      terminates_when_complete: whether an episode terminates once all that it asks for has been completed.
     """
 
     sensors: SlotSensors
     noise_scale: Array
     num_slots: int = MAX_PARTS
-    is_dense: bool = False
-    terminates_when_complete: bool = True
 
     object_slots = MAX_PARTS
 
@@ -400,8 +394,7 @@ class GeneratedKitchenMDP(MDP[SlotReading, GeneratedKitchenState]):
         self, state: GeneratedKitchenState, order: NDArray[np.int64], goal: Array
     ) -> GeneratedKitchenState:
         """Returns the state before the first step of an episode that asks for goals `(K,)` of parts in an order."""
-        progress = Progress.initial((MAX_PARTS,))._replace(remaining=order >= 0)
-        return state._replace(order=order, goal=goal, progress=progress)
+        return state._replace(order=order, goal=goal, progress=Progress.of_request(order))
 
     def transition(
         self, state: GeneratedKitchenState, *, action: Array, target: Array, reading: SlotReading, draws: Array
@@ -411,7 +404,8 @@ class GeneratedKitchenMDP(MDP[SlotReading, GeneratedKitchenState]):
         )
         within = self.within(after.openings, after.goal) & state.requested
         after = after._replace(progress=state.progress.update(within, remove_task_when_completed=True))
-        if state.shaping is not None:
+        if self.is_dense:
+            assert state.shaping is not None, "only a dense reward has a state"
             approach = covered(after.hand_distances, state.shaping.initial_distances)
             shaping = state.shaping._replace(
                 best_approach=np.maximum(state.shaping.best_approach, approach),
@@ -440,30 +434,16 @@ class GeneratedKitchenMDP(MDP[SlotReading, GeneratedKitchenState]):
         asked = zip(scene.parts, state.requested.tolist(), strict=False)
         return [joint for (name, part), is_asked in asked if is_asked for joint in _joints_of(scene, name, part)]
 
-    def terminates(self, state: GeneratedKitchenState) -> NDArray[np.bool_]:
-        return self.all_completed(state) & self.terminates_when_complete
-
-    @staticmethod
-    def all_completed(state: GeneratedKitchenState) -> NDArray[np.bool_]:
-        """Returns whether `(...)` everything that the episode asks for has been completed."""
-        return np.logical_and.reduce(state.progress.completed | ~state.requested, axis=-1)
-
-    def complete(self, state: GeneratedKitchenState) -> NDArray[np.bool_]:
-        return state.progress.within & state.progress.completed
-
     def info(self, state: GeneratedKitchenState) -> dict[str, NDArray]:
         """Returns the infos on the parts: fresh arrays, `(...)` or, in the order of the design, `(..., K)`."""
-        infos = {
+        return {
             "openings": state.openings.copy(),
-            f"{REQUESTED}_mask": state.requested.copy(),
-            REQUESTED_ORDER: state.order.copy(),
+            **order_info(state.order),
             "goal_openings": state.goal.copy(),
             "completion_steps": state.progress.completion_steps.copy(),
             "is_success": np.array(self.all_completed(state)),
+            **self.reward_info(state),
         }
-        if state.terms.keys() != _SPARSE:
-            infos |= self.reward_info(state)
-        return infos
 
 
 def _single(read: Callable[[GeneratedKitchenState], Array], *, of_robot: bool = False) -> Observation:

@@ -28,7 +28,7 @@ from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.orders import sequence_of
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
-from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
+from kitchen_suite.tasks.shaping import CONTINUING, DENSE, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, one_of
@@ -137,8 +137,8 @@ class GeneratedKitchenTask(SuiteTask):
                 object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
             ),
             num_slots=checks.integer(num_slots, "num_slots", minimum=1, maximum=MAX_PARTS),
-            is_dense=reward != "sparse",
-            terminates_when_complete=reward not in CONTINUING,
+            is_dense=reward in DENSE,
+            terminate_on_tasks_completed=reward not in CONTINUING,
         )
         super().__init__(scene, mdp, **observables)
         self._parts = scene.parts

@@ -52,7 +52,7 @@ def reward(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) -> Arr
     """
     infos = _broadcast(info, np.broadcast_shapes(achieved.shape, desired.shape)[:-1])
     requested = _requested(infos, mdp, ATTEMPTED if mdp.ordering.in_turn else REQUESTED)
-    if mdp.sensors.measures_hand:
+    if mdp.is_dense:
         shaping = _shaping(infos, mdp.goals)
         shares = task_shares(shaping, success=mdp.success, achieved=achieved, desired=desired, mask=requested)
         step = RelabelledStep(shares=shares)

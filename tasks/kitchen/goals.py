@@ -12,32 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite.entities import KITCHEN_FRANKA, Scene
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.robot import Robot
-from kitchen_suite.entities.scenes import JOINT_NAMES, in_observed_order
 from kitchen_suite.names import DEFAULT_TASKS, FURTHER_TASKS, REVERSES
 from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
+from kitchen_suite.tasks.kitchen.observed_props import OBJECT_STARTS, OBSERVED_PROPS
 from kitchen_suite.types import Array
 
-# Positions of the joints by prop.
-_OBJECT_STARTS = {
-    "oven": (
-        *(-0.00026627985, -5.18043486e-05),
-        *(3.1287722e-05, -4.51199853e-05),
-        *(-3.90842156e-06, -4.22629655e-05),
-        *(6.28065475e-05, 4.04984708e-05),
-    ),
-    "hood": (0.000462730939, -0.000226906415),
-    "slide_cabinet": (-0.000465501369,),
-    "hinge_cabinet": (-0.00644129196, -0.00177048263),
-    "microwave": (0.00108009684,),
-    "kettle": (-0.26939744, 0.350383255, 1.61944683, 1.00618764, 0.0040639512, -0.00662095997, -0.000268278933),
-}
-
-INITIAL_QPOS = np.array([*KITCHEN_FRANKA.home.values(), *in_observed_order(_OBJECT_STARTS)])
+INITIAL_QPOS = np.array([*KITCHEN_FRANKA.home.values(), *OBJECT_STARTS])
 
 
 def initial_qpos(robot: Robot) -> Array:
     """Returns the positions of robot and objects at the start of an episode [rad, m, quaternion]."""
-    return np.array([*robot.home, *in_observed_order(_OBJECT_STARTS)])
+    return np.array([*robot.home, *OBJECT_STARTS])
 
 
 class Start(NamedTuple):
@@ -213,9 +198,8 @@ def _reverse(task: str) -> Goal:
     forward = _FORWARD[REVERSES[task]]
     # The goal of `hinge cabinet` is for both of its doors, of which the right one comes last.
     joints = ("right_hinge_cabinet",) if task == "close hinge cabinet" else forward.joints
-    value: tuple[float, ...] = _OBJECT_STARTS[forward.prop]
-    if joints is not None:
-        value = tuple(value[JOINT_NAMES[forward.prop].index(name)] for name in joints)
+    starts_by_joint = {joint.name: joint.start for joint in OBSERVED_PROPS[forward.prop]}
+    value = tuple(number for name in joints or starts_by_joint for number in starts_by_joint[name])
     return Goal(
         prop=forward.prop,
         joints=joints,

@@ -10,19 +10,16 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.tasks.completion import CompletionMDP
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.tasks.kitchen.reward import Shaping, task_shares
-from kitchen_suite.tasks.mdp import MDP
-from kitchen_suite.tasks.orders import REQUESTED, REQUESTED_ORDER, Ordering, counted_in_order, next_in_turn
-from kitchen_suite.tasks.shaping import REWARDS, Shares
+from kitchen_suite.tasks.orders import REQUESTED, Ordering, counted_in_order, next_in_turn, order_info
+from kitchen_suite.tasks.shaping import SPARSE_TERMS, Shares
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, Transition
 from kitchen_suite.types import Array
-
-# Names of the terms of the sparse reward, which follow from the completions and are not saved.
-_SPARSE = REWARDS["sparse"].keys()
 
 # First part of the names of infos from which a dense reward can be computed for other goals.
 REWARD_STATE = "reward_state"
@@ -65,6 +62,11 @@ class KitchenState(NamedTuple):
         """`(..., n)`, tasks that the last step completed."""
         return self.progress.completions
 
+    @property
+    def requested(self) -> NDArray[np.bool_]:
+        """`(..., n)`, tasks that the episode asks for."""
+        return self.requested_order >= 0
+
 
 def as_dict(state: KitchenState) -> dict[str, Any]:
     """Returns a state as nested dicts of fresh arrays, without the parts that are None or follow from others."""
@@ -72,7 +74,7 @@ def as_dict(state: KitchenState) -> dict[str, Any]:
     parts = {"progress": state.progress._asdict()}
     if state.shaping is not None:
         parts["shaping"] = state.shaping._asdict()
-    if state.terms.keys() != _SPARSE:
+    if state.terms.keys() != SPARSE_TERMS:
         parts["terms"] = state.terms
     nested = {name: {key: np.array(array) for key, array in part.items()} for name, part in parts.items()}
     others = fields.keys() - {"progress", "shaping", "terms"}
@@ -123,7 +125,7 @@ class KitchenTransition(Transition):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class KitchenMDP(MDP[KitchenReading, KitchenState]):
+class KitchenMDP(CompletionMDP[KitchenReading, KitchenState]):
     """Settings of a kitchen task, and the mathematics of an episode under them; `KitchenTask` explains the settings.
 
     Attributes:
@@ -132,7 +134,6 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       noise_scale: `(59,)`, greatest noise of each element of the observation.
       initial_qpos: `(30,)` with the Franka, positions of robot and objects at the start [rad, m, quaternion].
       success: decides which tasks are complete.
-      terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
       remove_task_when_completed: whether a task is rewarded only once.
       ordering: which of the tasks an episode asks for, and in what sequence they count.
       max_task_steps: control steps without a completion after which an episode truncates; None for no limit.
@@ -144,7 +145,6 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     noise_scale: Array
     initial_qpos: Array
     success: Success
-    terminate_on_tasks_completed: bool
     remove_task_when_completed: bool
     ordering: Ordering
     max_task_steps: int | None = None
@@ -182,7 +182,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
           order: `(n,)`, of the tasks.
           goal_states: `(30 k,)`, end to end; when omitted, the kitchen's start with the tasks done.
         """
-        state = state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
+        state = state._replace(requested_order=order, progress=Progress.of_request(order))
         if not self.goal_states:
             return state
         if goal_states is not None:
@@ -224,21 +224,22 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     def start_shaping(self, reading: KitchenReading) -> Shaping | None:
         """Returns the state of a dense reward at a reset; None for the sparse one."""
-        if reading.hand_distances is None:
+        if not self.is_dense:
             return None
+        assert reading.hand_distances is not None, "the sensors measure the hand"
         return Shaping.start(reading.achieved, reading.hand_distances, self.goals)
 
     def transition(
         self, state: KitchenState, *, action: Array, target: Array, reading: KitchenReading, draws: Array
     ) -> KitchenTransition:
-        positions, achieved, hand_distances = reading
+        achieved = reading.achieved
         attempted = self.attempted(state)
         within = self.success.within(achieved) & attempted
         if self.ordering.in_order:
             within = counted_in_order(within, state.progress.completed)
         after = KitchenState(
             noise=self.noise_scale * draws,
-            positions=positions,
+            positions=reading.positions,
             target=target,
             achieved=achieved,
             distances=self.goals.distances(achieved),
@@ -248,14 +249,19 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             goal_states=state.goal_states,
             goal_pictures=state.goal_pictures,
         )
-        if hand_distances is not None:
-            shaping, before = state.shaping, state.progress
-            assert shaping is not None
-            if self.ordering.in_turn:
-                shaping = shaping.restarted(before.advanced, state.achieved, self.goals)
-            shaping = shaping.after(state.achieved, before.completed, hand_distances, self.goals)
-            after = after._replace(shaping=shaping)
+        if self.is_dense:
+            after = after._replace(shaping=self._next_shaping(state, reading))
         return KitchenTransition(self, attempted, state, action, target, after)
+
+    def _next_shaping(self, state: KitchenState, reading: KitchenReading) -> Shaping:
+        """Returns the state of a dense reward one control step after a state."""
+        shaping = state.shaping
+        before = state.progress
+        assert shaping is not None, "only a dense reward has a state"
+        assert reading.hand_distances is not None, "the sensors measure the hand"
+        if self.ordering.in_turn:
+            shaping = shaping.restarted(before.advanced, state.achieved, self.goals)
+        return shaping.after(state.achieved, before.completed, reading.hand_distances, self.goals)
 
     @functools.cached_property
     def observations(self) -> Mapping[str, Observation]:
@@ -304,37 +310,24 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     @functools.cached_property
     def noisy_observations(self) -> Mapping[str, slice]:
-        """Place of the noise of each of the sensors' observations in that of the state."""
-        return dict(zip(self.sensors.observations, self.sensors.slices, strict=True))
+        """Place of the noise of each noisy observation in that of the state."""
+        return self.sensors.noisy_observations
 
     def corrupted(self, key: str, clean: NDArray, state: KitchenState) -> NDArray:
         place = self.noisy_observations.get(key)
         return clean if place is None else clean + state.noise[..., place]
 
-    def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
-        return self.all_completed(state) & self.terminate_on_tasks_completed
-
     def task_joints(self, scene: Scene) -> list[tuple[mjcf.Element, ...]]:
         return [goal.joints_in(scene) for goal in self.goals.goals]
 
     def requested_joints(self, scene: Scene, state: KitchenState) -> list[mjcf.Element]:
-        asked = zip(self.task_joints(scene), (state.requested_order >= 0).tolist(), strict=True)
+        asked = zip(self.task_joints(scene), state.requested.tolist(), strict=True)
         return [joint for joints, is_asked in asked if is_asked for joint in joints]
-
-    def complete(self, state: KitchenState) -> NDArray[np.bool_]:
-        return state.progress.within & state.progress.completed
 
     def truncates(self, state: KitchenState) -> NDArray[np.bool_] | bool:
         if self.max_task_steps is None:
             return False
         return state.progress.steps_since_completion >= self.max_task_steps
-
-    def all_completed(self, state: KitchenState) -> NDArray[np.bool_]:
-        """Returns whether `(...)` all tasks that the episode asks for have been completed."""
-        completed: NDArray[np.bool_] = np.logical_and.reduce(
-            state.progress.completed | (state.requested_order < 0), axis=-1
-        )
-        return completed
 
     def info(self, state: KitchenState) -> dict[str, NDArray]:
         """Returns the infos on the tasks: fresh arrays, `(...)` or, in configured order, `(..., n)`.
@@ -351,13 +344,13 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             "is_success": self.all_completed(state),
         }
         if self.ordering.draw is not None:
-            infos |= {f"{REQUESTED}_mask": state.requested_order >= 0, REQUESTED_ORDER: state.requested_order.copy()}
+            infos |= order_info(state.requested_order)
         if self.ordering.in_turn:
             # A step that completes a task has not attempted the next one.
             advanced = progress.advanced[..., np.newaxis]
             infos[f"{ATTEMPTED}_mask"] = np.where(advanced, progress.completed, self.attempted(state))
-        if state.terms.keys() != _SPARSE:
-            infos |= self.reward_info(state)
-        if state.shaping is not None:
+        infos |= self.reward_info(state)
+        if self.is_dense:
+            assert state.shaping is not None, "a dense reward has a state"
             infos |= {f"{REWARD_STATE}/{name}": np.array(part) for name, part in state.shaping._asdict().items()}
         return infos

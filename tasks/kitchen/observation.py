@@ -10,34 +10,17 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities import Scene
-from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
+from kitchen_suite.tasks.kitchen.observed_props import POSITION_NOISE, VELOCITY_NOISE, check_observed
 from kitchen_suite.tasks.sensors import SceneIndices
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, end_to_end
 from kitchen_suite.types import Array
 
-# Amplitudes of the noise [rad, m, rad/s, m/s], 0.1 for the robot. The reference has them from a table for another
-# scene, hence no pattern.
-_OBJECT_POSITIONS = {
-    "oven": [0.1, *[0.005] * 2, *[0.0005] * 5],
-    "hood": [0.0005, 0.005],
-    "slide_cabinet": [0.005],
-    "hinge_cabinet": [0.005, 0.1],
-    "microwave": [0.1],
-    "kettle": [0.1, *[0.005] * 3, *[0.1] * 3],
-}
-_OBJECT_VELOCITIES = {
-    "oven": [0.005] * 8,
-    "hood": [0.005] * 2,
-    "slide_cabinet": [0.005],
-    "hinge_cabinet": [0.1] * 2,
-    "microwave": [0.1],
-    "kettle": [*[0.005] * 3, *[0.1] * 3],
-}
+# Greatest noise of the robot's positions [rad, m] and velocities [rad/s, m/s] at a noise ratio of 1.
+_ROBOT_AMPLITUDE = 0.1
 
-_OBJECT_AMPLITUDES = (*in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES))
 ROUNDING = 1e-6  # Greatest rounding error of recorded numbers, in single precision.
 
 
@@ -59,7 +42,12 @@ class StateSlices(NamedTuple):
     @classmethod
     def of(cls, joints: int) -> Self:
         """Returns the parts for a robot of as many joints."""
-        sizes = {"robot_positions": joints, "robot_velocities": joints, "object_positions": 21, "object_velocities": 20}
+        sizes = {
+            "robot_positions": joints,
+            "robot_velocities": joints,
+            "object_positions": len(POSITION_NOISE),
+            "object_velocities": len(VELOCITY_NOISE),
+        }
         return cls(**end_to_end(sizes))
 
     @property
@@ -88,7 +76,7 @@ def noise_scale(parts: StateSlices = FRANKA_SLICES, *, robot_ratio: float, objec
     ratios = np.full(parts.size, object_ratio)
     robot = parts.noise["robot_noise"]
     ratios[robot] = robot_ratio
-    return ratios * np.array([*[0.1] * robot.stop, *_OBJECT_AMPLITUDES])
+    return ratios * np.array([*[_ROBOT_AMPLITUDE] * robot.stop, *POSITION_NOISE, *VELOCITY_NOISE])
 
 
 class KitchenReading(NamedTuple):
@@ -118,10 +106,7 @@ class KitchenSensors:
 
     def __init__(self, scene: Scene, goals: GoalSet, *, measures_hand: bool = False) -> None:
         """Stores the kitchen, and the tasks whose joints are read."""
-        # The tables of initial state and noise are made for the props of the kitchen, in its order.
-        observed = tuple(name for name, prop in scene.props.items() if prop.joints)
-        if observed != OBSERVED_PROPS:
-            raise ValueError(f"the kitchen's props with joints must be {OBSERVED_PROPS}, in this order, got {observed}")
+        check_observed(scene.props)
         self._scene = scene
         self._goals = goals
         self.measures_hand = measures_hand
@@ -172,4 +157,15 @@ class KitchenSensors:
             ),
             "object_positions": Observation(lambda simulation, _: simulation.read("qpos", self.indices.object_qpos)),
             "object_velocities": Observation(lambda simulation, _: simulation.read("qvel", self.indices.object_qvel)),
+        }
+
+    @property
+    def noisy_observations(self) -> dict[str, slice]:
+        """Place of the noise of each of these observations that has noise, in that of the state, by key."""
+        robot = self.robot.mjcf_model.full_identifier
+        return {
+            f"{robot}joint_positions": self.slices.robot_positions,
+            f"{robot}joint_velocities": self.slices.robot_velocities,
+            "object_positions": self.slices.object_positions,
+            "object_velocities": self.slices.object_velocities,
         }

@@ -24,7 +24,7 @@ from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.orders import REQUESTED, Ordering
 from kitchen_suite.tasks.pictures import shown_at
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
-from kitchen_suite.tasks.shaping import CONTINUING, REWARDS
+from kitchen_suite.tasks.shaping import CONTINUING, DENSE, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE
@@ -133,7 +133,8 @@ class KitchenTask(SuiteTask):
         criteria: dict[str, Any] = {"success": success, "threshold": threshold}
         self.success_options = {name: value for name, value in criteria.items() if value is not None}
         terminates = reward not in CONTINUING if terminate_on_tasks_completed is None else terminate_on_tasks_completed
-        sensors = KitchenSensors(scene, goal_set, measures_hand=reward != "sparse")
+        is_dense = reward in DENSE
+        sensors = KitchenSensors(scene, goal_set, measures_hand=is_dense)
         mode = make_mode(control_mode, self.control_modes, control)
         if not (scene.robot.specification.name == FRANKA or mode.suits_any_robot):
             modes = names_for_any_robot(self.control_modes)
@@ -144,6 +145,7 @@ class KitchenTask(SuiteTask):
             action_mode=mode,
             goals=goal_set,
             rewards=REWARDS[reward],
+            is_dense=is_dense,
             noise_scale=noise_scale(
                 sensors.slices,
                 robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),

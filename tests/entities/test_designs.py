@@ -16,7 +16,6 @@ from kitchen_suite.entities import KitchenDesign, build_generated_kitchen, desig
 from kitchen_suite.entities.arms import make_robot
 from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.entities.fixture_designs import (
-    CLEARANCE,
     KINDS,
     BaseDoorsDesign,
     DrawersDesign,
@@ -30,7 +29,7 @@ from kitchen_suite.entities.fixture_designs import (
     WallDoorsDesign,
     WallSlidingDesign,
 )
-from kitchen_suite.entities.fixtures import PANEL, Fixture, build_fixture
+from kitchen_suite.entities.fixtures import CLEARANCE, PANEL, BoxFixture
 from kitchen_suite.entities.styles import STYLES
 from kitchen_suite.names import FAST
 from kitchen_suite.policies.experts.kitchen_skills import TIP
@@ -327,7 +326,7 @@ def test_every_kind_of_fixture_is_built_alone():
 
 @pytest.mark.parametrize("design", FIXTURES, ids=lambda design: design.kind)
 def test_a_fixture_alone_has_its_parts_within_its_extent(design):
-    prop, parts = build_fixture(design, STYLES["sage"], visuals=True, name="alone")
+    prop, parts = design.build(STYLES["sage"], visuals=True, name="alone")
     extent = design.extent
     physics = mjcf.Physics.from_mjcf_model(prop.mjcf_model)
     assert len({part.words for part in parts}) == len(parts) > 0
@@ -339,14 +338,14 @@ def test_a_fixture_alone_has_its_parts_within_its_extent(design):
         x, y, z = physics.bind(handle).xpos + design.origin
         assert extent.low[0] < x < extent.high[0]
         assert extent.low[2] < z < extent.high[2]
-        if isinstance(prop, Fixture) and part.kind != "knob":
+        if isinstance(prop, BoxFixture) and part.kind != "knob":
             np.testing.assert_allclose(y, -CLEARANCE, atol=2 * PANEL)
             frame = physics.bind(handle).xmat.reshape(3, 3)
             np.testing.assert_allclose(frame[:, 2], (0, 1, 0), atol=1e-9)
             np.testing.assert_allclose(
                 np.abs(frame[:, 1]), (part.kind == "drawer", 0, part.kind != "drawer"), atol=1e-9
             )
-    if isinstance(prop, Fixture):
+    if isinstance(prop, BoxFixture):
         fixed = physics.bind([geom for geom in prop.mjcf_model.find_all("geom") if geom.parent.name == "carcass"])
         boxes = fixed.type == mujoco.mjtGeom.mjGEOM_BOX
         centre, half = fixed.xpos[boxes], fixed.size[boxes]

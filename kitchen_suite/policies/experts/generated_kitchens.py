@@ -14,8 +14,7 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.designs import KitchenDesign
-from kitchen_suite.entities.fixture_designs import CLEARANCE
-from kitchen_suite.entities.fixtures import BAR_RADIUS, Part
+from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, build_generated_kitchen
 from kitchen_suite.entities.props import Prop
 from kitchen_suite.entities.scenes import robot_base

@@ -2,19 +2,23 @@
 
 import dataclasses
 
+import gymnasium
 import numpy as np
 import pytest
 from helpers.errors import refused
 from helpers.kitchen import POSITION_HIGH, POSITION_LOW
 from helpers.sweeps import brief
+from helpers.vectors import many
 
 from kitchen_suite import suite
+from kitchen_suite.entities.props import Microwave
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.goals import GoalSet, Progress, goal_distances
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import position_target
 from kitchen_suite.tasks.kitchen.observation import KitchenSensors
 from kitchen_suite.tasks.shaping import completions
+from kitchen_suite.tasks.terms import Observation
 
 # Greatest noise of each element at a ratio of 1.
 AMPLITUDES = noise.noise_scale(robot_ratio=1.0, object_ratio=1.0)
@@ -110,6 +114,32 @@ def test_the_objects_must_be_in_the_order_of_the_observation():
     swapped = dataclasses.replace(scene, props=dict(reversed(scene.props.items())))
     with refused(ValueError, "'oven'", "'kettle'"):
         KitchenSensors(swapped, environment.task.mdp.goals)
+
+
+def test_a_prop_whose_joints_are_not_in_the_table_is_named():
+    environment = load()
+    scene = environment.task.scene
+    furnished = dataclasses.replace(scene, props={**scene.props, "safe": Microwave(visuals=False, name="safe")})
+    with refused(ValueError, "OBSERVED_PROPS", "'safe'", "{'microwave': (1, 1, 1)}"):
+        KitchenSensors(furnished, environment.task.mdp.goals)
+
+
+def test_one_entry_adds_an_observation_without_noise(monkeypatch):
+    original = KitchenSensors.observations
+
+    def observations(self):
+        lamp = Observation(lambda simulation, _: simulation.read("qpos", self.indices.object_qpos[9:10]))
+        return {**original.fget(self), "lamp": lamp}
+
+    monkeypatch.setattr(KitchenSensors, "observations", property(observations))
+    environment = load()
+    lamp = environment.task.mdp.initial_qpos[18:19]
+    np.testing.assert_array_equal(environment.reset().observation["lamp"], lamp)
+    env_id = suite.DOMAINS["kitchen"].task_ids["kettle"]
+    single, vector = gymnasium.make(env_id, obs_type="state"), many(env_id, 2, obs_type="state")
+    one, several = single.reset(seed=0)[0], vector.reset(seed=0)[0]
+    np.testing.assert_array_equal(one, several[0])
+    np.testing.assert_array_equal(several[:, noise.SIZE :], [lamp, lamp])
 
 
 def test_lists_are_fresh():
