@@ -53,6 +53,8 @@ def cases() -> dict[str, Play]:
                 env_id, MANY, vectorization_mode="vector_entry_point", num_threads=num_threads, **kwargs
             )
             made[f"{domain}: {MANY} vectorised, {num_threads} threads"] = player(environments, scale, MANY)
+    fast = gymnasium.make("KitchenSuite/FrankaKitchen-v1", physics="fast", **kitchen).unwrapped
+    made["fast kitchen: Gymnasium adapter"] = player(fast, 1.0)
     return made
 
 
