@@ -150,18 +150,22 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
     def _get_info(self) -> dict[str, Any]:
         task = self.composer_task
         info = task.mdp.info(task.state)
-        names = {
+        return {
+            **(self._names() if self.info_format == "lists" else {}),
+            **info,
+            "is_success": self._number(bool(info["is_success"])),
+            "episode_step": self._number(self._episode_step),
+        }
+
+    def _names(self) -> dict[str, Any]:
+        """Returns the infos that are no arrays: fresh lists of task names, and the split of variations."""
+        task = self.composer_task
+        return {
             TO_COMPLETE: task.tasks_to_complete,
             STEP_COMPLETIONS: task.step_task_completions,
             EPISODE_COMPLETIONS: task.episode_task_completions,
             **({VARIATION_SPLIT: task.variations.split} if self.varies else {}),
             **({REQUESTED: task.requested_tasks} if task.mdp.ordering.draw else {}),
-        }
-        return {
-            **(names if self.info_format == "lists" else {}),
-            **info,
-            "is_success": self._number(bool(info["is_success"])),
-            "episode_step": self._number(self._episode_step),
         }
 
     def _infos_of_reset(self, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -234,7 +234,11 @@ class KitchenMDP(CompletionMDP[KitchenReading, KitchenState]):
     ) -> KitchenTransition:
         achieved = reading.achieved
         attempted = self.attempted(state)
-        within = self.success.within(achieved) & attempted
+        distances = self.goals.distances(achieved)
+        within = self.success.within_distances(distances)
+        if within is None:
+            within = self.success.within(achieved)
+        within = within & attempted
         if self.ordering.in_order:
             within = counted_in_order(within, state.progress.completed)
         after = KitchenState(
@@ -242,7 +246,7 @@ class KitchenMDP(CompletionMDP[KitchenReading, KitchenState]):
             positions=reading.positions,
             target=target,
             achieved=achieved,
-            distances=self.goals.distances(achieved),
+            distances=distances,
             progress=state.progress.update(within, remove_task_when_completed=self.remove_task_when_completed),
             terms={},
             requested_order=state.requested_order,
