@@ -94,6 +94,20 @@ def test_a_policy_with_itself_is_all_ties(receipts):
         assert low < record[name] == 0.0 < high
 
 
+def test_the_json_of_nearly_equal_differences_has_no_nan():
+    def measured(*values):
+        evaluation = evaluated()
+        (results,) = evaluation.results.values()
+        rows = zip(results, values, strict=True)
+        with_effort = [dataclasses.replace(result, measures={"effort": value}) for result, value in rows]
+        return dataclasses.replace(evaluation, results={name: with_effort for name in evaluation.results})
+
+    comparison = kitchen_suite.compare(measured(1.0, *[1.0 + 2.0**-52] * 5), measured(*[0.0] * 6))
+    assert comparison.as_json()["intervals"]["effort_difference"] is None
+    assert "NaN" not in json.dumps(comparison.as_json())
+    assert "effort" in format_comparison(comparison)
+
+
 def test_swapping_the_policies_mirrors_the_json():
     one = evaluated((TASKS, TASKS, TASKS, ("kettle",), TASKS, ()))
     other = evaluated(((), (), ("kettle",), TASKS, (), ()), policy="random")
