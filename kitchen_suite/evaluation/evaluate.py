@@ -67,7 +67,9 @@ class Evaluation:
         return {name: [result.as_json() for result in each] for name, each in self.results.items()}
 
     def write_receipt(self, path: Path) -> None:
-        """Writes the receipt of the episodes, whose results have traces."""
+        """Writes the receipt of the episodes; raises a ValueError unless they were evaluated with traces."""
+        if not all(result.trace for each in self.results.values() for result in each):
+            raise ValueError("the actions of the episodes were not kept: evaluate with receipt, the path to write to")
         traces = {name: [Trace.from_text(result.trace) for result in each] for name, each in self.results.items()}
         receipt = Receipt(
             evaluation=self.as_json(), replaced=self.plan.replaced, results=dict(self.results), traces=traces

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -22,6 +23,7 @@ from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Meas
 from kitchen_suite.evaluation.scores import MAX_SEED, EpisodeResult, score_episodes, score_sample
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyRef
+from kitchen_suite.versions import PACKAGES, VERSION
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -185,6 +187,7 @@ class EvaluationPlan:
             task_name, kwargs = condition.task_name, condition.task_kwargs
             _check_name(protocol, name, task_name)
             check_robot(kwargs)
+            _check_versions(record.versions, kwargs)
             if domain.with_contents(kwargs) != kwargs:
                 raise ValueError(f"{name} depends on files of the machine that wrote it, which may be others elsewhere")
             environments = EnvironmentSpec.make(domain.name, task_name, kwargs, record.max_episode_steps)
@@ -409,3 +412,16 @@ def _check_franka(spec: EnvironmentSpec, what: str) -> None:
 def check_robot(task_kwargs: Mapping[str, Any]) -> None:
     """Raises a ValueError if a robot is not the suite's: to read a receipt must not import code that it names."""
     checks.choice(task_kwargs.get("robot", FRANKA), ROBOTS, "robot of a receipt")
+
+
+def _check_versions(versions: Mapping[str, str], task_kwargs: Mapping[str, Any]) -> None:
+    """Raises a ValueError unless a file names versions of the suite's packages, and the digest of its arm, alone.
+
+    They are shown as facts, which any other words could be taken for.
+    """
+    digest = re.compile(r"[0-9a-f]{16}")
+    forms = {**dict.fromkeys(("kitchen-suite", *PACKAGES), VERSION), f"robot {task_kwargs.get('robot')}": digest}
+    for name, version in versions.items():
+        checks.choice(name, forms, "package of the versions")
+        if not forms[name].fullmatch(version):
+            raise ValueError(f"the version of {name} is no version: {checks.shown(version)}")
