@@ -5,7 +5,7 @@ import dataclasses
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -23,7 +23,11 @@ from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Meas
 from kitchen_suite.evaluation.scores import MAX_SEED, EpisodeResult, score_episodes, score_sample
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyRef
+from kitchen_suite.tasks.variations.distributions import NONE
 from kitchen_suite.versions import PACKAGES, VERSION
+
+# Values of a protocol that are numbers of all conditions.
+_NUMBERS = ("seed", "num_episodes", "max_episode_steps")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -141,9 +145,7 @@ class EvaluationPlan:
     @property
     def replaced(self) -> list[str]:
         """Names of the values that are not the protocol's; what a policy has to observe is not among them."""
-        mine = _values(self)
-        its = _values(self._unchanged)
-        return [name for name in mine if mine[name] != its[name]]
+        return [*dict.fromkeys(name if name in _NUMBERS else "conditions" for name in self.changes)]
 
     @property
     def _unchanged(self) -> "EvaluationPlan":
@@ -156,25 +158,32 @@ class EvaluationPlan:
     def changes(self) -> dict[str, tuple[Any, Any]]:
         """The values that are not the protocol's, by name, each with the protocol's; None for a default.
 
-        The names of arguments begin with that of their condition, unless they are the same in all conditions.
+        A value that is the default, and one that is omitted, are the same. The names of arguments begin with that of
+        their condition, unless they are the same in all conditions.
         """
-        mine = _values(self)
-        its = _values(self._unchanged)
-        conditions, own = dict(mine.pop("conditions")), dict(its.pop("conditions"))
-        found = {name: (mine[name], its[name]) for name in mine if mine[name] != its[name]}
-        if [*conditions] != [*own]:
-            found["conditions"] = [*conditions], [*own]
+        unchanged = self._unchanged
+        mine, its = self.description, unchanged.description
+        found = {name: (mine[name], its[name]) for name in _NUMBERS if mine[name] != its[name]}
+        if [*self.specs] != [*unchanged.specs]:
+            found["conditions"] = [*self.specs], [*unchanged.specs]
         by_condition = {}
-        for name, condition in conditions.items():
+        for name, spec in self.specs.items():
             # Where the task is replaced, the first condition stands for all.
-            other = own.get(name, next(iter(own.values())))
-            by_condition[name] = _differences(condition, other)
+            other = unchanged.specs.get(name, unchanged.first)
+            by_condition[name] = _differences(spec, other, self._ignored)
         common = set.intersection(*({*map(json.dumps, each.items())} for each in by_condition.values()))
         for name, each in by_condition.items():
             for argument, pair in each.items():
                 is_common = json.dumps((argument, pair)) in common
                 found[argument if is_common else f"{name}: {argument}"] = pair
         return found
+
+    @property
+    def _ignored(self) -> set[str]:
+        """Arguments that replace nothing of the protocol."""
+        is_of_quality = any(condition.task_kwargs.get("quality") for condition in PROTOCOLS[self.protocol].conditions)
+        # Quality measures what happens, and changes nothing of it; scores of some protocols are made of it.
+        return {"extra_observables"} if is_of_quality else {"extra_observables", "quality"}
 
     @classmethod
     def of(cls, description: Mapping[str, Any], resets: Mapping[str, list[dict[str, Any]]] | None = None) -> Self:
@@ -319,25 +328,25 @@ def _tasks_of(task_name: str | None, task_kwargs: Mapping[str, Any]) -> tuple[An
     return task_name, *(json.dumps(task_kwargs.get(name)) for name in ("tasks_to_complete", "tasks_per_episode"))
 
 
-def _values(plan: EvaluationPlan) -> dict[str, Any]:
-    values = plan.description
-    is_of_quality = any(condition.task_kwargs.get("quality") for condition in PROTOCOLS[plan.protocol].conditions)
-    for condition in values["conditions"].values():
-        kwargs = condition["task_kwargs"]
-        kwargs.pop("extra_observables", None)
-        # It measures what happens, and changes nothing of it; scores of some protocols are made of it.
-        if kwargs.get("quality") and not is_of_quality:
-            del kwargs["quality"]
-        del condition["policy_sha256"]
-    names = ("seed", "num_episodes", "max_episode_steps")
-    return {**{name: values[name] for name in names}, "conditions": [*values["conditions"].items()]}
-
-
-def _differences(condition: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+def _differences(spec: EpisodeSpec, other: EpisodeSpec, ignored: Collection[str]) -> dict[str, tuple[Any, Any]]:
     """Returns task and arguments that two conditions have otherwise, as `EvaluationPlan.changes`."""
-    one = {"task_name": condition["task_name"], **condition["task_kwargs"]}
-    its = {"task_name": other["task_name"], **other["task_kwargs"]}
-    return {name: (one.get(name), its.get(name)) for name in {**one, **its} if one.get(name) != its.get(name)}
+    found: dict[str, tuple[Any, Any]] = {}
+    if spec.task_name != other.task_name:
+        found["task_name"] = spec.task_name, other.task_name
+    # Defaults of further arguments may depend on the control mode.
+    mode = {name: value for name, value in spec.task_kwargs.items() if name == "control_mode"}
+    in_mode = dataclasses.replace(other, task_kwargs={**other.task_kwargs, **mode})
+    for name in {**spec.task_kwargs, **other.task_kwargs}:
+        if name not in ignored and spec.argument(name) != (other if name in mode else in_mode).argument(name):
+            found[name] = _given(spec, name), _given(other, name)
+    return found
+
+
+def _given(spec: EpisodeSpec, name: str) -> Any:
+    """Returns an argument as it was given, None for a default; groups of variations in one form."""
+    if name == "variations":
+        return spec.argument(name) or NONE
+    return spec.task_kwargs.get(name)
 
 
 def _check_name(protocol: Protocol, name: str, task_name: str) -> None:

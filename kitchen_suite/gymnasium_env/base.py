@@ -21,6 +21,7 @@ from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import Observations, Present
 from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import cameras
+from kitchen_suite.tasks.observables import DEFAULT_SIZE as IMAGE_SIZE
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES
 
 # Option of a reset of single environments.
@@ -239,9 +240,13 @@ class SuiteEnv(gymnasium.Env):
 
     @classmethod
     def default_of(cls, domain: Domain, name: str) -> Any:
-        """Returns the default of a keyword argument of the environments of a domain; None if it has none."""
+        """Returns the default of a keyword argument of the environments of a domain; None if it has none.
+
+        That of settings of images is of images that are observed.
+        """
         defaults = {each: argument.default for each, argument in domain.arguments(cls).items()}
-        return {**defaults, PHYSICS_KEY: domain.physics, "cameras": cls.default_cameras}.get(name)
+        of_images = {"cameras": cls.default_cameras, "image_size": IMAGE_SIZE, "render_quality": "high"}
+        return {**defaults, PHYSICS_KEY: domain.physics, "obs_type": cls.obs_types[0], **of_images}.get(name)
 
     def _make_observations(self, obs_type: str, flat_goals: bool = False) -> Observations:
         observations.disable_copies(self.composer_task)
