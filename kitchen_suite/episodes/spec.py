@@ -157,6 +157,12 @@ class EnvironmentSpec:
         return signatures.signature(modes[mode]).defaults.get(name)
 
     @property
+    def has_other_control_mode(self) -> bool:
+        """Whether actions have another meaning than by the domain's default."""
+        default = self.env_class.default_of(suite.find_domain(self.domain_name), "control_mode")
+        return self.argument("control_mode") != default
+
+    @property
     def observes_images(self) -> bool:
         """Whether observations hold images, so that playing needs a GL library."""
         return has_pictures(self.env_class.find_obs_type(self.argument("obs_type")))

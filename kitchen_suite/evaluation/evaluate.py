@@ -155,7 +155,8 @@ def evaluate(
     if receipt is not None and not all(result.trace for result in folder.results.values()):
         raise ValueError(f"{output} has episodes without actions, so that no receipt can be written")
     if verbose:
-        heading = "\n".join(filter(None, [tables.format_heading(plan), format_changes(plan)]))
+        parts = [tables.format_heading(plan), format_changes(plan), tables.format_starts(plan, reference)]
+        heading = "\n".join(filter(None, parts))
         print_line(paragraph(heading, table_format))
     results = {}
     successes = sum(result.success for result in folder.results.values())

@@ -254,10 +254,17 @@ def make_plan(
 ) -> EvaluationPlan:
     """Plans the evaluation of a policy under a protocol, and builds the policy once in each condition.
 
+    A policy that is the same in every task is built in the first one alone, so that an action of the wrong size shows
+    before the environments of all conditions have been built.
+
     `dataset` is the folder of a recording, from whose episodes some protocols take their goals.
     """
     plan = make_unprepared_plan(policy, protocol, replaced)
-    prepared = {name: spec.prepared(policy) for name, spec in plan.specs.items()}
+    first, *_ = plan.specs
+    prepared = {
+        name: spec if policy.is_independent_of_tasks and name != first else spec.prepared(policy)
+        for name, spec in plan.specs.items()
+    }
     taken = {name: condition.goals for name, condition in plan.conditions.items() if condition.goals}
     if dataset is None:
         if taken:

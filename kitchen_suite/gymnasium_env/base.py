@@ -203,8 +203,7 @@ class SuiteEnv(gymnasium.Env):
         low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
         self.action_space = spaces.Box(low, high, dtype=np.float32)
         if self.has_instructions and not self.instruction:
-            name = type(self.composer_task).__name__
-            raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
+            raise ValueError(f"the tasks of {record.name} have no sentences: leave out instructions")
         self.varies = bool(self.composer_task.variations.by_name)
         self._physics_info = {} if physics == EXACT else {PHYSICS_KEY: physics}
         self._renderer.check_camera(self.environment)
