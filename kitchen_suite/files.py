@@ -319,7 +319,7 @@ def json_value(value: Any, name: str) -> Any:
     Raises a TypeError if JSON cannot hold it.
     """
     try:
-        return json.loads(json.dumps(value, default=_plain, allow_nan=False))
+        return json.loads(json.dumps(value, default=_plain))
     except (RecursionError, TypeError, ValueError) as error:
         raise TypeError(f"{name} must consist of what JSON can hold, got {checks.shown(value)}") from error
 
