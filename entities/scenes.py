@@ -193,6 +193,11 @@ class Scene:
         """Whether objects at rest are left out of the physics until something touches them."""
         return self.arena.mjcf_model.option.flag.sleep == "enable"
 
+    @property
+    def has_fast_physics(self) -> bool:
+        """Whether the scene has settings for the physics `fast`."""
+        return self.arena.fast_physics is not None
+
     def use_physics(self, physics: str) -> None:
         """Makes the physics one of `PHYSICS`; to be called once, before the scene is given to a task.
 
@@ -202,8 +207,7 @@ class Scene:
             return
         arena = self.arena
         if arena.fast_physics is None:
-            name, robot = arena.mjcf_model.model, self.robot.mjcf_model.model
-            raise ValueError(f"the scene {name!r} has no physics {FAST!r} with robot {robot!r}")
+            raise ValueError(f"this scene has no {FAST} physics: leave out physics")
         arena.enable_sleep()
         options = dataclasses.asdict(arena.fast_physics)
         arena.mjcf_model.option.flag.refsafe = "enable" if options.pop("refsafe") else "disable"

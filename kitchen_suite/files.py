@@ -7,13 +7,14 @@ import functools
 import hashlib
 import io
 import json
+import math
 import os
 import re
 import secrets
 import shutil
 import socket
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -230,7 +231,7 @@ def create_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[s
 
 
 def _pack_with_metadata(arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> bytes:
-    return pack_arrays({**arrays, "metadata": np.array(json.dumps(metadata))})
+    return pack_arrays({**arrays, "metadata": np.array(json_text(metadata))})
 
 
 def pack_arrays(arrays: Mapping[str, NDArray]) -> bytes:
@@ -286,7 +287,30 @@ def load_json(path: Path, what: str) -> Any:
 
 def write_json(path: Path, value: Any, indent: int = 2) -> None:
     """Writes a JSON file in UTF-8, which ends with a newline."""
-    path.write_text(json.dumps(value, indent=indent) + "\n", encoding="utf-8")
+    path.write_text(json_text(value, indent) + "\n", encoding="utf-8")
+
+
+def json_text(value: Any, indent: int | None = None) -> str:
+    """Returns a value as JSON; raises a ValueError that names the first number that JSON cannot hold, NaN or inf."""
+    try:
+        return json.dumps(value, indent=indent, allow_nan=False)
+    except ValueError as error:
+        for name, number in _not_finite(value, ""):
+            raise ValueError(f"{name} is {number}, which JSON cannot hold") from error
+        raise
+
+
+def _not_finite(value: Any, name: str) -> Iterator[tuple[str, float]]:
+    """Yields name and value of each number that is not finite; an entry `b` of `a` has the name `a/b`."""
+    if isinstance(value, float) and not math.isfinite(value):
+        yield name or "the value", value
+    parts: Iterable[tuple[Any, Any]] = ()
+    if isinstance(value, Mapping):
+        parts = value.items()
+    elif isinstance(value, list | tuple):
+        parts = enumerate(value)
+    for key, part in parts:
+        yield from _not_finite(part, f"{name}/{key}" if name else str(key))
 
 
 def json_value(value: Any, name: str) -> Any:
@@ -341,8 +365,8 @@ def _is_deeper(value: Any, levels: int) -> bool:
 
 def digest_line(entries: Mapping[str, Any], context: str) -> str:
     """Returns entries as JSON in one line that ends with a SHA-256 of them, and of the context that they belong to."""
-    digest = hashlib.sha256(f"{context}\n{json.dumps(entries)}".encode()).hexdigest()
-    return json.dumps({**entries, "sha256": digest})
+    digest = hashlib.sha256(f"{context}\n{json_text(entries)}".encode()).hexdigest()
+    return json_text({**entries, "sha256": digest})
 
 
 def parse_digest_line(line: bytes, context: str) -> dict[str, Any]:

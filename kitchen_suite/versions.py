@@ -4,12 +4,17 @@ import hashlib
 import importlib.metadata
 import math
 import platform
+import re
 
 import numpy as np
 
 import kitchen_suite
 
 PACKAGES = ("dm-control", "gymnasium", "gymnasium-robotics", "mujoco", "numpy")
+
+# Forms of the texts that files have of versions and machines: a version of a package, and `machine`.
+VERSION = re.compile(r"\d[\w.+!-]{0,63}", re.ASCII)
+MACHINE = re.compile(r"[\w.-]{0,32}, rounding [0-9a-f]{8}(, linear algebra [0-9a-f]{8})?", re.ASCII)
 
 
 def installed_versions() -> dict[str, str]:

@@ -165,6 +165,19 @@ def test_what_json_cannot_hold_is_refused_by_its_name(value):
         files.json_value(value, "gain")
 
 
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), -float("inf")])
+def test_a_number_that_json_cannot_hold_is_refused_by_its_name_and_nothing_is_written(tmp_path, number):
+    record = {"scores": [{"low": 0.0}, {"low": number}]}
+    message = f"^scores/1/low is {number}, which JSON cannot hold$"
+    with pytest.raises(ValueError, match=message), files.atomic_write(tmp_path / "a.json") as partial:
+        files.write_json(partial, record)
+    with pytest.raises(ValueError, match=message):
+        files.save_arrays(tmp_path / "a.npz", {}, record)
+    with pytest.raises(ValueError, match=message):
+        files.digest_line(record, "")
+    assert not any(tmp_path.iterdir())
+
+
 def test_json_of_64_levels_is_read():
     text = "[" * 64 + "]" * 64
     assert json.dumps(files.parse_json(text)) == json.dumps(files.parse_json(text.encode())) == text

@@ -147,7 +147,7 @@ def export(
     """
     if folder.exists() and any(folder.iterdir()):
         raise FileExistsError(f"{folder} is not empty: name another folder")
-    if variation_values and not spec.task_kwargs.get("variations"):
+    if variation_values and not spec.argument("variations"):
         raise ValueError("variation_values needs variations, the parameters that vary")
     environment = spec.make_environment(visuals=True)
     options = {VARIATION_VALUES: dict(variation_values)} if variation_values else None

@@ -155,10 +155,10 @@ def task(
     step = f"Length of a control step [s], a whole number of physics steps; else {unset}."
     number(values, "control_timestep", None, step, minimum=0)
     groups = (
-        "Groups of parameters that vary from episode to episode, such as start,dynamics; or distributions by "
+        "Groups of parameters that vary from episode to episode, such as start,dynamics; none; or distributions by "
         "parameter, as a JSON object (docs/guide/variations.md)"
     )
-    flags.DEFINE_string("variations", None, f"{groups}.", values)
+    flags.DEFINE_string("variations", None, f"{groups}; else {unset}.", values)
     splits = ("seen", "held_out")
     flags.DEFINE_enum("variation_split", None, splits, f"Distributions of the groups; else {unset}.", values)
     quality = "Measure forces, disturbed objects, energy and smoothness (docs/guide/quality.md)"

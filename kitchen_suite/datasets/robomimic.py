@@ -1,14 +1,13 @@
 """Recordings as HDF5 files of robomimic's layout. Needs the extra `record`."""
 
 import contextlib
-import json
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import suite
+from kitchen_suite import files, suite
 from kitchen_suite.datasets import columns, hdf5
 from kitchen_suite.episodes.episode import Episode
 from kitchen_suite.episodes.spec import EpisodeSpec
@@ -41,7 +40,7 @@ def write(path: Path, spec: EpisodeSpec, episodes: Iterable[Episode]) -> None:
         data.attrs["total"] = total
         own = suite.task_arguments(spec.domain_name, spec.task_name)
         arguments = {"env_name": suite.find_domain(spec.domain_name).env_id, "type": _GYM_TYPE}
-        data.attrs["env_args"] = json.dumps({**arguments, "env_kwargs": {**own, **spec.task_kwargs}})
+        data.attrs["env_args"] = files.json_text({**arguments, "env_kwargs": {**own, **spec.task_kwargs}})
         first = count // columns.VALIDATION
         for name, numbers in {"train": range(first, count), "valid": range(first)}.items():
             if numbers:

@@ -14,7 +14,7 @@ import numpy as np
 from kitchen_suite import checks, signatures
 from kitchen_suite.domains.arguments import Argument, table
 from kitchen_suite.domains.elsewhere import OF_GYMNASIUM
-from kitchen_suite.names import EXACT, PHYSICS
+from kitchen_suite.names import EXACT, FAST, PHYSICS
 
 if TYPE_CHECKING:
     from kitchen_suite.entities import Scene
@@ -224,6 +224,9 @@ class Domain:
         # A scene without an argument `visuals` is always built with what pictures show.
         shared = {"visuals": visuals, **arguments}
         scene = self.resolve("scene")(**{name: value for name, value in shared.items() if name in of_scene})
+        if physics == FAST and not scene.has_fast_physics:
+            robot = f" with robot {checks.shown(arguments['robot'])}" if "robot" in arguments else ""
+            raise ValueError(f"{self.name} has no {FAST} physics{robot}: leave out physics")
         scene.use_physics(physics)
         task_arguments = {name: value for name, value in arguments.items() if name not in of_scene}
         task = self.resolve("task")(scene, **task_arguments)

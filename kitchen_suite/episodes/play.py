@@ -393,6 +393,7 @@ class _BatchPolicy:
         self._text = policy.text
         self._function = policy.function
         self._space = environments.action_space
+        self._mode = environments.composer_task.mdp.action_mode.name
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
         """Does nothing: the callable is told of no episode."""
@@ -410,7 +411,8 @@ class _BatchPolicy:
             raise PolicyError(f"policy {self._text} returned bad actions: {error}") from error
         if actions.shape != self._space.shape or actions.dtype.kind not in "fiu":
             found = f"{actions.dtype} of shape {actions.shape}"
-            raise PolicyError(f"policy {self._text} returned {found}, not numbers of shape {self._space.shape}")
+            wanted = f"numbers of shape {self._space.shape}, of control_mode {self._mode!r}"
+            raise PolicyError(f"policy {self._text} returned {found}, not {wanted}")
         # Rows without an episode are not looked at.
         if not np.isfinite(actions[step.is_playing]).all():
             raise PolicyError(f"policy {self._text} returned actions that are not finite")

@@ -12,7 +12,8 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from kitchen_suite import checks, files, policies, suite
+from kitchen_suite import checks, files, policies, signatures, suite
+from kitchen_suite.domains.base import Domain
 from kitchen_suite.entities.arms import FRANKA, ROBOTS, model_digest
 from kitchen_suite.environment.random_states import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
@@ -20,6 +21,7 @@ from kitchen_suite.gymnasium_env.observations import has_pictures
 from kitchen_suite.names import EXACT
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks.task import SuiteTask
+from kitchen_suite.tasks.variations.distributions import NONE, unified
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
 
@@ -129,10 +131,36 @@ class EnvironmentSpec:
         return cast(type[SuiteEnv], suite.find_domain(self.domain_name).env_class)
 
     def argument(self, name: str) -> Any:
-        """Returns an argument of the environments, or the default that applies, as JSON represents it."""
-        default = {name: self.env_class.default_of(suite.find_domain(self.domain_name), name)}
-        arguments = {**default, **suite.task_arguments(self.domain_name, self.task_name), **self.task_kwargs}
-        return json.loads(json.dumps(arguments[name]))
+        """Returns the value of an argument that applies, as JSON represents it: the default where it is omitted.
+
+        None stands for what only the environments know, such as the domain's control step, and for no variations.
+        """
+        domain = suite.find_domain(self.domain_name)
+        arguments = {**suite.task_arguments(self.domain_name, self.task_name), **self.task_kwargs}
+        value = arguments[name] if name in arguments else self.env_class.default_of(domain, name)
+        if name == "variations":
+            value = unified(value)
+        elif name == "control_timestep" and value == domain.resolve("task").default_control_timestep:
+            value = None
+        elif value is None and name in domain.control_options:
+            value = self._control_default(domain, name)
+        elif value is None and name in ("physics", "obs_type"):
+            value = self.env_class.default_of(domain, name)
+        return json.loads(json.dumps(value))
+
+    def _control_default(self, domain: Domain, name: str) -> Any:
+        """Returns the default of an argument of the control mode, or that of the mode itself."""
+        if name in ("control_mode", "control_timestep"):
+            return self.env_class.default_of(domain, name)
+        modes = domain.resolve("task").control_modes
+        mode = checks.choice(self.argument("control_mode"), modes, "control_mode")
+        return signatures.signature(modes[mode]).defaults.get(name)
+
+    @property
+    def has_other_control_mode(self) -> bool:
+        """Whether actions have another meaning than by the domain's default."""
+        default = self.env_class.default_of(suite.find_domain(self.domain_name), "control_mode")
+        return self.argument("control_mode") != default
 
     @property
     def observes_images(self) -> bool:
@@ -149,10 +177,10 @@ class EnvironmentSpec:
     @property
     def variations(self) -> str:
         """Description of what varies between episodes, of physics unless exact and of replaced control steps."""
-        variations = self.argument("variations") or "none"
-        names = variations if isinstance(variations, str) else ",".join(variations)
+        variations = self.argument("variations") or [NONE]
+        names = ",".join(variations)
         split, physics = self.argument("variation_split"), self.argument("physics")
-        heading = f"variations {names}" + (f" ({split})" if variations != "none" else "")
+        heading = f"variations {names}" + (f" ({split})" if names != NONE else "")
         if (timestep := self.argument("control_timestep")) is not None:
             heading = f"control steps of {timestep:g} s, {heading}"
         return heading if physics == EXACT else f"{physics} physics, {heading}"
@@ -292,8 +320,9 @@ def _check_not_reserved(task_kwargs: Mapping[str, Any]) -> None:
 def merged_kwargs(task_kwargs: Mapping[str, Any], named: Mapping[str, Any]) -> dict[str, Any]:
     """Returns arguments of a task's environments with some that are given by name, without those that are None.
 
-    A text of `variations` names what varies, separated by commas, or is a JSON object of distributions. Raises a
-    ValueError if an argument is given twice, with different values, or the text is not JSON.
+    A text of `variations` names what varies, separated by commas, is `none`, or a JSON object of distributions.
+
+    Raises a ValueError if an argument is given twice, with different values, or the text is not JSON.
     """
     chosen = {name: value for name, value in named.items() if value is not None}
     if isinstance(text := chosen.get("variations"), str):
@@ -306,7 +335,7 @@ def merged_kwargs(task_kwargs: Mapping[str, Any], named: Mapping[str, Any]) -> d
 
 def _parsed_variations(text: str) -> Any:
     if not text.lstrip().startswith("{"):
-        return text.split(",")
+        return [] if text == NONE else text.split(",")
     try:
         return files.parse_json(text)
     except ValueError as error:

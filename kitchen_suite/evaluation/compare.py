@@ -222,13 +222,15 @@ def _circumstances(comparison: PairedComparison) -> dict[str, Any]:
 def _scores(pairs: Sequence[Pair]) -> dict[str, dict[str, Any]]:
     """Returns the paired scores of some episodes by name: of verdicts, and of means."""
     rows = {"success": _verdict_row(pairs, lambda result: result.success)}
-    example, _ = pairs[0]
+    example, partner = pairs[0]
     if example.asked is None:
         rows["mean_progress"] = _mean_row(pairs, lambda result: result.progress)
     else:
         most = max(len(one.asked or {}) for one, _ in pairs)
         rows["mean_tasks"] = _mean_row(pairs, _tasks, greatest=float(most))
-    for name, value in example.measures.items():
+    # One of the two may measure more, such as its quality.
+    common = {name: value for name, value in example.measures.items() if name in partner.measures}
+    for name, value in common.items():
         of = _verdict_row if isinstance(value, bool) else _mean_row
         rows[name] = of(pairs, _measure(name))
     return rows

@@ -67,7 +67,9 @@ class Evaluation:
         return {name: [result.as_json() for result in each] for name, each in self.results.items()}
 
     def write_receipt(self, path: Path) -> None:
-        """Writes the receipt of the episodes, whose results have traces."""
+        """Writes the receipt of the episodes; raises a ValueError unless they were evaluated with traces."""
+        if not all(result.trace for each in self.results.values() for result in each):
+            raise ValueError("the actions of the episodes were not kept: evaluate with receipt, the path to write to")
         traces = {name: [Trace.from_text(result.trace) for result in each] for name, each in self.results.items()}
         receipt = Receipt(
             evaluation=self.as_json(), replaced=self.plan.replaced, results=dict(self.results), traces=traces
@@ -153,7 +155,8 @@ def evaluate(
     if receipt is not None and not all(result.trace for result in folder.results.values()):
         raise ValueError(f"{output} has episodes without actions, so that no receipt can be written")
     if verbose:
-        heading = "\n".join(filter(None, [tables.format_heading(plan), format_changes(plan)]))
+        parts = [tables.format_heading(plan), format_changes(plan), tables.format_starts(plan, reference)]
+        heading = "\n".join(filter(None, parts))
         print_line(paragraph(heading, table_format))
     results = {}
     successes = sum(result.success for result in folder.results.values())

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, stats
 
-from kitchen_suite.evaluation.scores import CONFIDENCE, Interval, possible_means
+from kitchen_suite.evaluation.scores import CONFIDENCE, Interval, are_equal, possible_means, scale
 
 # Random numbers of the bootstrap, so that the same episodes have the same interval.
 _SEED = 0
@@ -112,19 +112,24 @@ def mean_difference(differences: ArrayLike, *, greatest: float = math.inf) -> tu
     """Returns the mean of the differences `(n,)` of paired episodes, and its interval.
 
     The interval is that of SciPy's bootstrap over episodes, bias-corrected and accelerated, with fixed random numbers.
-    Where all differences are equal, it is that of `scores.possible_means`; None where `greatest` is infinite.
+    Where all differences are equal, as in `scores.are_equal`, it is that of `scores.possible_means`; None where
+    `greatest` is infinite.
 
     Args:
-      differences: of the episodes.
+      differences: of the episodes, finite.
       greatest: absolute value that no difference exceeds.
     """
     values = np.asarray(differences, np.float64)
     if not values.size:
         raise ValueError("a mean difference needs at least one pair of episodes")
-    middle = float(values.mean())
-    if np.ptp(values) > 0.0:
-        return middle, _bootstrap(values)
-    return middle, possible_means(middle, values.size, low=-greatest, high=greatest)
+    if not np.isfinite(values).all():
+        raise ValueError(f"differences must be finite, got {values[~np.isfinite(values)][0]}")
+    scaled, exponent = scale(values)
+    middle = math.ldexp(scaled.mean(), exponent)
+    if are_equal(values):
+        return middle, possible_means(middle, values.size, low=-greatest, high=greatest)
+    low, high = _bootstrap(scaled)
+    return middle, (math.ldexp(low, exponent), math.ldexp(high, exponent))
 
 
 def _bootstrap(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -4,7 +4,8 @@ import contextlib
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -22,6 +23,11 @@ from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Meas
 from kitchen_suite.evaluation.scores import MAX_SEED, EpisodeResult, score_episodes, score_sample
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyRef
+from kitchen_suite.tasks.variations.distributions import NONE
+from kitchen_suite.versions import PACKAGES, VERSION
+
+# Values of a protocol that are numbers of all conditions.
+_NUMBERS = ("seed", "num_episodes", "max_episode_steps")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -139,9 +145,7 @@ class EvaluationPlan:
     @property
     def replaced(self) -> list[str]:
         """Names of the values that are not the protocol's; what a policy has to observe is not among them."""
-        mine = _values(self)
-        its = _values(self._unchanged)
-        return [name for name in mine if mine[name] != its[name]]
+        return [*dict.fromkeys(name if name in _NUMBERS else "conditions" for name in self.changes)]
 
     @property
     def _unchanged(self) -> "EvaluationPlan":
@@ -154,25 +158,32 @@ class EvaluationPlan:
     def changes(self) -> dict[str, tuple[Any, Any]]:
         """The values that are not the protocol's, by name, each with the protocol's; None for a default.
 
-        The names of arguments begin with that of their condition, unless they are the same in all conditions.
+        A value that is the default, and one that is omitted, are the same. The names of arguments begin with that of
+        their condition, unless they are the same in all conditions.
         """
-        mine = _values(self)
-        its = _values(self._unchanged)
-        conditions, own = dict(mine.pop("conditions")), dict(its.pop("conditions"))
-        found = {name: (mine[name], its[name]) for name in mine if mine[name] != its[name]}
-        if [*conditions] != [*own]:
-            found["conditions"] = [*conditions], [*own]
+        unchanged = self._unchanged
+        mine, its = self.description, unchanged.description
+        found = {name: (mine[name], its[name]) for name in _NUMBERS if mine[name] != its[name]}
+        if [*self.specs] != [*unchanged.specs]:
+            found["conditions"] = [*self.specs], [*unchanged.specs]
         by_condition = {}
-        for name, condition in conditions.items():
+        for name, spec in self.specs.items():
             # Where the task is replaced, the first condition stands for all.
-            other = own.get(name, next(iter(own.values())))
-            by_condition[name] = _differences(condition, other)
+            other = unchanged.specs.get(name, unchanged.first)
+            by_condition[name] = _differences(spec, other, self._ignored)
         common = set.intersection(*({*map(json.dumps, each.items())} for each in by_condition.values()))
         for name, each in by_condition.items():
             for argument, pair in each.items():
                 is_common = json.dumps((argument, pair)) in common
                 found[argument if is_common else f"{name}: {argument}"] = pair
         return found
+
+    @property
+    def _ignored(self) -> set[str]:
+        """Arguments that replace nothing of the protocol."""
+        is_of_quality = any(condition.task_kwargs.get("quality") for condition in PROTOCOLS[self.protocol].conditions)
+        # Quality measures what happens, and changes nothing of it; scores of some protocols are made of it.
+        return {"extra_observables"} if is_of_quality else {"extra_observables", "quality"}
 
     @classmethod
     def of(cls, description: Mapping[str, Any], resets: Mapping[str, list[dict[str, Any]]] | None = None) -> Self:
@@ -185,6 +196,7 @@ class EvaluationPlan:
             task_name, kwargs = condition.task_name, condition.task_kwargs
             _check_name(protocol, name, task_name)
             check_robot(kwargs)
+            _check_versions(record.versions, kwargs)
             if domain.with_contents(kwargs) != kwargs:
                 raise ValueError(f"{name} depends on files of the machine that wrote it, which may be others elsewhere")
             environments = EnvironmentSpec.make(domain.name, task_name, kwargs, record.max_episode_steps)
@@ -242,10 +254,17 @@ def make_plan(
 ) -> EvaluationPlan:
     """Plans the evaluation of a policy under a protocol, and builds the policy once in each condition.
 
+    A policy that is the same in every task is built in the first one alone, so that an action of the wrong size shows
+    before the environments of all conditions have been built.
+
     `dataset` is the folder of a recording, from whose episodes some protocols take their goals.
     """
     plan = make_unprepared_plan(policy, protocol, replaced)
-    prepared = {name: spec.prepared(policy) for name, spec in plan.specs.items()}
+    first, *_ = plan.specs
+    prepared = {
+        name: spec if policy.is_independent_of_tasks and name != first else spec.prepared(policy)
+        for name, spec in plan.specs.items()
+    }
     taken = {name: condition.goals for name, condition in plan.conditions.items() if condition.goals}
     if dataset is None:
         if taken:
@@ -316,25 +335,25 @@ def _tasks_of(task_name: str | None, task_kwargs: Mapping[str, Any]) -> tuple[An
     return task_name, *(json.dumps(task_kwargs.get(name)) for name in ("tasks_to_complete", "tasks_per_episode"))
 
 
-def _values(plan: EvaluationPlan) -> dict[str, Any]:
-    values = plan.description
-    is_of_quality = any(condition.task_kwargs.get("quality") for condition in PROTOCOLS[plan.protocol].conditions)
-    for condition in values["conditions"].values():
-        kwargs = condition["task_kwargs"]
-        kwargs.pop("extra_observables", None)
-        # It measures what happens, and changes nothing of it; scores of some protocols are made of it.
-        if kwargs.get("quality") and not is_of_quality:
-            del kwargs["quality"]
-        del condition["policy_sha256"]
-    names = ("seed", "num_episodes", "max_episode_steps")
-    return {**{name: values[name] for name in names}, "conditions": [*values["conditions"].items()]}
-
-
-def _differences(condition: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+def _differences(spec: EpisodeSpec, other: EpisodeSpec, ignored: Collection[str]) -> dict[str, tuple[Any, Any]]:
     """Returns task and arguments that two conditions have otherwise, as `EvaluationPlan.changes`."""
-    one = {"task_name": condition["task_name"], **condition["task_kwargs"]}
-    its = {"task_name": other["task_name"], **other["task_kwargs"]}
-    return {name: (one.get(name), its.get(name)) for name in {**one, **its} if one.get(name) != its.get(name)}
+    found: dict[str, tuple[Any, Any]] = {}
+    if spec.task_name != other.task_name:
+        found["task_name"] = spec.task_name, other.task_name
+    # Defaults of further arguments may depend on the control mode.
+    mode = {name: value for name, value in spec.task_kwargs.items() if name == "control_mode"}
+    in_mode = dataclasses.replace(other, task_kwargs={**other.task_kwargs, **mode})
+    for name in {**spec.task_kwargs, **other.task_kwargs}:
+        if name not in ignored and spec.argument(name) != (other if name in mode else in_mode).argument(name):
+            found[name] = _given(spec, name), _given(other, name)
+    return found
+
+
+def _given(spec: EpisodeSpec, name: str) -> Any:
+    """Returns an argument as it was given, None for a default; groups of variations in one form."""
+    if name == "variations":
+        return spec.argument(name) or NONE
+    return spec.task_kwargs.get(name)
 
 
 def _check_name(protocol: Protocol, name: str, task_name: str) -> None:
@@ -409,3 +428,16 @@ def _check_franka(spec: EnvironmentSpec, what: str) -> None:
 def check_robot(task_kwargs: Mapping[str, Any]) -> None:
     """Raises a ValueError if a robot is not the suite's: to read a receipt must not import code that it names."""
     checks.choice(task_kwargs.get("robot", FRANKA), ROBOTS, "robot of a receipt")
+
+
+def _check_versions(versions: Mapping[str, str], task_kwargs: Mapping[str, Any]) -> None:
+    """Raises a ValueError unless a file names versions of the suite's packages, and the digest of its arm, alone.
+
+    They are shown as facts, which any other words could be taken for.
+    """
+    digest = re.compile(r"[0-9a-f]{16}")
+    forms = {**dict.fromkeys(("kitchen-suite", *PACKAGES), VERSION), f"robot {task_kwargs.get('robot')}": digest}
+    for name, version in versions.items():
+        checks.choice(name, forms, "package of the versions")
+        if not forms[name].fullmatch(version):
+            raise ValueError(f"the version of {name} is no version: {checks.shown(version)}")

@@ -192,7 +192,8 @@ def _read_recording(folder: Path) -> PlayedEpisodes:
 def check_pairs(first: PlayedEpisodes, second: PlayedEpisodes) -> None:
     """Raises a ValueError that names all that differs, unless each episode has a partner of the same circumstances.
 
-    What policies observe may differ, and the kind of processor: neither changes where an episode starts.
+    What policies observe may differ, and the kind of processor: neither changes where an episode starts. So may whether
+    quality is measured, which changes no number of an episode.
     """
     if differing := [*dict.fromkeys(_differences(first, second))]:
         raise ValueError(f"{first.name} and {second.name} cannot be compared: {'; '.join(differing)}")
@@ -220,7 +221,8 @@ def _differences(first: PlayedEpisodes, second: PlayedEpisodes) -> Iterator[str]
 
 def _circumstances(spec: EpisodeSpec, other: EpisodeSpec) -> dict[str, Any]:
     """Returns what determines an episode beside its seed and the policy, by the names that another one has as well."""
-    arguments = without_observations(spec).task_kwargs.keys() | without_observations(other).task_kwargs.keys()
+    given = without_observations(spec).task_kwargs.keys() | without_observations(other).task_kwargs.keys()
+    arguments = given - {"quality"}
     versions = {**dict.fromkeys(other.versions), **spec.versions}
     return {
         "task_name": spec.task_name,

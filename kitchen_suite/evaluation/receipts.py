@@ -19,7 +19,6 @@ import base64
 import dataclasses
 import hashlib
 import io
-import json
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -178,7 +177,7 @@ class Receipt:
         }
         arrays = {f"{name}/{part}": rows for name, each in self.traces.items() for part, rows in _stacked(each).items()}
         with files.atomic_write(path) as partial:
-            partial.write_bytes(sealed(files.pack_arrays({**arrays, "metadata": np.array(json.dumps(record))})))
+            partial.write_bytes(sealed(files.pack_arrays({**arrays, "metadata": np.array(files.json_text(record))})))
 
     @classmethod
     def read(cls, path: Path) -> "Receipt":

@@ -20,6 +20,9 @@ CONFIDENCE = 0.95
 
 MAX_SEED = 2**63 - 1  # Of results: msgspec has 64 bits.
 
+# Greatest progress or measure of an episode: sums, differences and intervals of many such numbers are finite.
+_MAX_NUMBER = 1e300
+
 # An interval: its least and its greatest value; None where episodes are too few for one.
 Interval = tuple[float, float] | None
 
@@ -46,7 +49,7 @@ def wilson(successes: int, count: int) -> tuple[float, float]:
 def mean(values: ArrayLike, *, low: float = -math.inf, high: float = math.inf) -> tuple[float, Interval]:
     """Returns the mean of values `(n,)`, and its interval by Student's t; None for the interval of one value.
 
-    The interval of equal values is that of `possible_means`.
+    The interval of values that `are_equal` is that of `possible_means`.
 
     Args:
       values: of the episodes.
@@ -56,13 +59,32 @@ def mean(values: ArrayLike, *, low: float = -math.inf, high: float = math.inf) -
     numbers = np.asarray(values, np.float64)
     if not numbers.size:
         raise ValueError("a mean needs at least one episode")
-    middle = float(numbers.mean())
+    scaled, exponent = scale(numbers)
+    scaled_middle = float(scaled.mean())
+    middle = math.ldexp(scaled_middle, exponent)
     if numbers.size == 1:
         return middle, None
-    if not np.ptp(numbers) > 0.0:
+    if are_equal(numbers):
         return middle, possible_means(middle, numbers.size, low=low, high=high)
-    least, greatest = stats.t.interval(CONFIDENCE, numbers.size - 1, middle, float(stats.sem(numbers)))
-    return middle, (max(float(low), float(least)), min(float(high), float(greatest)))
+    limits = stats.t.interval(CONFIDENCE, numbers.size - 1, scaled_middle, float(stats.sem(scaled)))
+    least, greatest = (math.ldexp(limit, exponent) for limit in limits)
+    return middle, (max(float(low), least), min(float(high), greatest))
+
+
+def scale(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
+    """Returns values `(n,)` divided by a power of two, so that all are below 1, and its exponent for `math.ldexp`.
+
+    Powers of huge numbers would be infinite, and those of tiny ones 0. To divide by a power of two changes no digit.
+    """
+    _, exponent = math.frexp(np.abs(values).max())
+    return np.ldexp(values, -exponent), exponent
+
+
+def are_equal(values: NDArray[np.float64]) -> bool:
+    """Returns whether values `(n,)` differ by no more than the rounding of their mean."""
+    rounding = values.size * np.finfo(np.float64).eps
+    scaled, _ = scale(values)
+    return bool(np.ptp(scaled) <= rounding * np.abs(scaled).max())
 
 
 def possible_means(value: float, count: int, *, low: float, high: float) -> Interval:
@@ -132,6 +154,14 @@ class EpisodeResult:
     measures: dict[str, bool | float] = dataclasses.field(default_factory=dict)
     reset: dict[str, Any] = dataclasses.field(default_factory=dict)
     trace: str = ""
+
+    def __post_init__(self) -> None:
+        """Raises a ValueError unless all numbers are finite, of which scores and intervals can be made."""
+        for name, value in {"progress": self.progress, **self.measures}.items():
+            # False for NaN.
+            if not abs(value) <= _MAX_NUMBER:
+                problem = f"{name} of the episode of seed {self.seed} is {value}"
+                raise ValueError(f"{problem}: it must be a number from -{_MAX_NUMBER:g} to {_MAX_NUMBER:g}")
 
     @classmethod
     def of(cls, task: SuiteTask, infos: Mapping[str, Any], *, control_steps: int, **others: Any) -> "EpisodeResult":

@@ -29,7 +29,22 @@ def format_heading(plan: EvaluationPlan) -> str:
     if len(plan.specs) == 1:
         variations = first.circumstances
     played = f"{first.domain_name}, policy {PolicyRef.parse(first.policy).without_file}, protocol {plan.protocol}"
+    # Beside the default, what a policy's actions have to mean.
+    modes = [spec.argument("control_mode") for spec in plan.specs.values() if spec.has_other_control_mode]
+    if modes:
+        played = f"{played}, control_mode {' and '.join(dict.fromkeys(modes))}"
     return f"{played}, {variations}: {counted(plan.num_episodes)}{each}, seeds from {first.seed}"
+
+
+def format_starts(plan: EvaluationPlan, policy: PolicyRef) -> str:
+    """Returns that starts vary, and what decides it, for a user's own policy, which may know one; else nothing."""
+    varied = {spec.variations for spec in plan.specs.values() if spec.argument("variations")}
+    is_own = policy.is_independent_of_tasks or "file" in policy.options
+    # Where conditions differ in what varies, nothing can replace it.
+    if not is_own or len(varied) != 1 or len({spec.variations for spec in plan.specs.values()}) != 1:
+        return ""
+    flag = "--variations=none, or variations='none' among the task_kwargs, leaves it out"
+    return f"each episode varies ({varied.pop()}): a policy that was trained without this may fail; {flag}"
 
 
 def format_scores(

@@ -21,7 +21,7 @@ from kitchen_suite.evaluation.plan import EvaluationPlan, resets_of
 from kitchen_suite.evaluation.receipts import ActionReplay, Receipt, Trace
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
-from kitchen_suite.versions import machine
+from kitchen_suite.versions import MACHINE, machine
 
 _VERDICTS = {
     Verdict.EQUAL: "the receipt holds: all numbers are equal to the bit, and all scores follow from them",
@@ -197,6 +197,8 @@ def checked_plan(receipt: Receipt) -> EvaluationPlan:
     # Numbers of other types are equal, but read otherwise.
     if json.dumps(receipt.evaluation, sort_keys=True) != json.dumps(written, sort_keys=True):
         raise ValueError("the receipt was altered: its scores are not numbers of the types that are written")
+    if not MACHINE.fullmatch(receipt.machine):
+        raise ValueError(f"the machine is none of those that are written: {checks.shown(receipt.machine)}")
     if (named := [*receipt.replaced]) != plan.replaced:
         problem = f"{plan.replaced} are not the protocol's values, but the receipt names {named}"
         raise ValueError(f"{problem}: it was altered, or the protocol is another one here")

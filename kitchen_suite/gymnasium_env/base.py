@@ -21,6 +21,7 @@ from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import Observations, Present
 from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import cameras
+from kitchen_suite.tasks.observables import DEFAULT_SIZE as IMAGE_SIZE
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES
 
 # Option of a reset of single environments.
@@ -201,8 +202,7 @@ class SuiteEnv(gymnasium.Env):
         low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
         self.action_space = spaces.Box(low, high, dtype=np.float32)
         if self.has_instructions and not self.instruction:
-            name = type(self.composer_task).__name__
-            raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
+            raise ValueError(f"the tasks of {record.name} have no sentences: leave out instructions")
         self.varies = bool(self.composer_task.variations.by_name)
         self._physics_info = {} if physics == EXACT else {PHYSICS_KEY: physics}
         self._renderer.check_camera(self.environment)
@@ -238,9 +238,13 @@ class SuiteEnv(gymnasium.Env):
 
     @classmethod
     def default_of(cls, domain: Domain, name: str) -> Any:
-        """Returns the default of a keyword argument of the environments of a domain; None if it has none."""
+        """Returns the default of a keyword argument of the environments of a domain; None if it has none.
+
+        That of settings of images is of images that are observed.
+        """
         defaults = {each: argument.default for each, argument in domain.arguments(cls).items()}
-        return {**defaults, PHYSICS_KEY: domain.physics, "cameras": cls.default_cameras}.get(name)
+        of_images = {"cameras": cls.default_cameras, "image_size": IMAGE_SIZE, "render_quality": "high"}
+        return {**defaults, PHYSICS_KEY: domain.physics, "obs_type": cls.obs_types[0], **of_images}.get(name)
 
     def _make_observations(self, obs_type: str, flat_goals: bool = False) -> Observations:
         observations.observe_by_runner(self.composer_task)

@@ -140,6 +140,11 @@ class PolicyRef:
         """
         return self._source.file(self.options, task) if self._source else None
 
+    @property
+    def is_independent_of_tasks(self) -> bool:
+        """Whether it is the same in every task: a custom one or one on a server, which no task has to be built for."""
+        return self._source is None or not self._source.privileged
+
     def missing_observables(self, make_task: "Callable[[], SuiteTask]") -> list[str]:
         """Returns the extra observables that the policy needs and that a task does not have.
 
@@ -288,7 +293,9 @@ class _CheckedPolicy:
         try:
             return self._environment.task.checked_action(action)
         except Exception as error:  # Of `__array__` as well, such as that of a tensor that requires a gradient.
-            raise PolicyError(f"policy {checks.shown(self._name)} returned a bad action: {error}") from error
+            mode = self._environment.task.mdp.action_mode.name
+            where = f"policy {checks.shown(self._name)} returned a bad action in control_mode {mode!r}"
+            raise PolicyError(f"{where}: {error}") from error
 
     @property
     def labels(self) -> Mapping[str, NDArray]:

@@ -28,8 +28,8 @@ from kitchen_suite.types import Array
 SENSOR_PREFIX = "quality_"
 
 # Greatest number of contacts of the robot, and of the hand, whose forces are summed: those of the greatest forces.
-# Chosen: the scripted experts have at most 13 at a time.
-NUM_CONTACTS = 16
+# Chosen: the scripted experts have at most 13 at a time, random actions at most 24.
+NUM_CONTACTS = 32
 
 # Force from which on the arm touches something [N]; far above what differences of sums are rounded by.
 _TOUCH = 1e-6
@@ -203,7 +203,8 @@ def contact_forces(contacts: Array) -> Array:
     forces: Array = sums[..., 0, :, :] - sums[..., 1, :, :]
     # The robot's contacts without those of the hand.
     forces[..., 0, :] -= forces[..., 1, :]
-    return forces
+    # Differences of equal sums are rounded, and may be less than 0.
+    return np.maximum(forces, 0.0)
 
 
 class QualityMeter(MeasuringPart):
@@ -229,12 +230,15 @@ class QualityMeter(MeasuringPart):
         self._mdp = mdp
         self._physics_steps = physics_steps
         robot = mjcf.get_attachment_frame(scene.robot.mjcf_model)
+        # With what the robot touches itself: its base does not move. MuJoCo leaves out sensors of two bodies that both
+        # are fixed while anything sleeps, and such a sensor keeps an old value.
+        arm = scene.robot.joints[0].parent
         hand = scene.robot.joints[scene.robot.arm_size - 1].parent
         of_contacts = {"data": "force", "num": NUM_CONTACTS, "reduce": "maxforce"}
         self._contacts = [
             self._add("contact", subtree1=robot, **of_contacts),
             self._add("contact", subtree1=hand, **of_contacts),
-            self._add("contact", subtree1=robot, subtree2=robot, **of_contacts),
+            self._add("contact", subtree1=arm, subtree2=robot, **of_contacts),
             self._add("contact", subtree1=hand, subtree2=robot, **of_contacts),
         ]
         self._torques = [self._add("actuatorfrc", actuator=each) for each in scene.robot.actuators]

@@ -24,6 +24,15 @@ GROUPS = ("start", "layout", "dynamics", "sensing", "appearance", "camera", "pus
 
 SPLITS = ("seen", "held_out")
 
+NONE = "none"  # In place of groups where nothing varies.
+
+
+def unified(variations: Any) -> Any:
+    """Returns an argument `variations` as a sequence of groups or distributions by parameter; None for no variation."""
+    if isinstance(variations, str):
+        variations = [] if variations == NONE else variations.split(",")
+    return variations or None
+
 
 class Choice(variation.Variation):
     """Draws one of several values, numbers or vectors, each with the same probability.

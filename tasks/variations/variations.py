@@ -13,7 +13,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.variations import distributions
-from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS, ParameterVariation, Variation
+from kitchen_suite.tasks.variations.distributions import GROUPS, NONE, SPLITS, ParameterVariation, Variation
 from kitchen_suite.tasks.variations.layouts import LayoutCheck
 from kitchen_suite.tasks.variations.randomizer import Draw, Randomizer, Values
 from kitchen_suite.types import Array
@@ -83,7 +83,8 @@ class Variations:
           table: the parameters that groups vary, in the order in which they are drawn; those that the scene does not
             have are left out.
           variations: names of groups of `distributions.GROUPS`, alone, in a sequence or joined by commas; or
-            distributions by parameter, which JSON may describe (see `distributions.parse`); None for no variation.
+            distributions by parameter, which JSON may describe (see `distributions.parse`); None, `none` or an empty
+            sequence for no variation.
           split: `seen`, or `held_out`: which distributions of the groups are drawn from.
           handles: sites that the hand must reach in every layout.
           parameters: those that belong to the task, not to an entity of the scene.
@@ -95,8 +96,10 @@ class Variations:
         self.split = checks.choice(split, SPLITS, "variation_split")
         if not isinstance(variations, str | Sequence | Mapping | None):
             raise TypeError(
-                f"variations must be names of groups, or distributions by parameter, got {checks.shown(variations)}"
+                f"variations must be names of groups, distributions by parameter or {NONE!r}, "
+                f"got {checks.shown(variations)}"
             )
+        variations = distributions.unified(variations)
         self._scene = scene
         self._home = home
         self._correct = correct
@@ -284,8 +287,11 @@ def _parsed(
     return {name: distributions.parse(wanted[name], offered[name].type, f"variation's {name}") for name in names}
 
 
-def _in_groups(names: str | Sequence[str], rows: Mapping[str, ParameterVariation]) -> set[str]:
-    groups = [checks.choice(name, GROUPS, "variation") for name in _group_names(names, "variations")]
+def _in_groups(names: Sequence[str], rows: Mapping[str, ParameterVariation]) -> set[str]:
+    try:
+        groups = [checks.choice(name, GROUPS, "variation") for name in _group_names(names, "variations")]
+    except ValueError as error:
+        raise ValueError(f"{error}; where nothing varies, write variations={NONE!r}") from error
     present = [group for group in GROUPS if any(row.group == group for row in rows.values())]
     if empty := [group for group in groups if group not in present]:
         raise ValueError(f"variations {empty[0]!r} match no parameter of this task; those that do are {present}")

@@ -94,6 +94,20 @@ def test_a_policy_with_itself_is_all_ties(receipts):
         assert low < record[name] == 0.0 < high
 
 
+def test_the_json_of_nearly_equal_differences_has_no_nan():
+    def measured(*values):
+        evaluation = evaluated()
+        (results,) = evaluation.results.values()
+        rows = zip(results, values, strict=True)
+        with_effort = [dataclasses.replace(result, measures={"effort": value}) for result, value in rows]
+        return dataclasses.replace(evaluation, results=dict.fromkeys(evaluation.results, with_effort))
+
+    comparison = kitchen_suite.compare(measured(1.0, *[1.0 + 2.0**-52] * 5), measured(*[0.0] * 6))
+    assert comparison.as_json()["intervals"]["effort_difference"] is None
+    assert "NaN" not in json.dumps(comparison.as_json())
+    assert "effort" in format_comparison(comparison)
+
+
 def test_swapping_the_policies_mirrors_the_json():
     one = evaluated((TASKS, TASKS, TASKS, ("kettle",), TASKS, ()))
     other = evaluated(((), (), ("kettle",), TASKS, (), ()), policy="random")
@@ -156,6 +170,18 @@ def test_what_policies_observe_may_differ():
     for arguments in (pixels, flat):
         assert kitchen_suite.compare(evaluated(), evaluated(task_kwargs=arguments)).ties == EPISODES
     assert kitchen_suite.compare(evaluated(), evaluated(task_kwargs=(("physics", "exact"),))).ties == EPISODES
+
+
+@pytest.mark.full
+def test_measured_quality_is_no_other_episode():
+    arguments = {"num_episodes": 3, "max_episode_steps": 3, "num_envs": 3}
+    plain = kitchen_suite.evaluate("zero", **arguments)
+    measured = kitchen_suite.evaluate("zero", **arguments, quality=True)
+    for sources in ((plain, measured), (measured, plain)):
+        comparison = kitchen_suite.compare(*sources)
+        assert (comparison.wins, comparison.losses, comparison.ties) == (0, 0, 3)
+        assert [*comparison.scores] == ["success", "mean_tasks"]
+    assert "clean_success" in kitchen_suite.compare(measured, measured).scores
 
 
 @pytest.mark.full

@@ -16,6 +16,7 @@ from helpers.episodes import rollout_of
 from helpers.sweeps import brief
 
 from kitchen_suite.commands import evaluate
+from kitchen_suite.domains.base import Domain
 from kitchen_suite.episodes import report
 from kitchen_suite.evaluation import tables
 from kitchen_suite.evaluation.evaluate import Evaluation
@@ -403,6 +404,39 @@ def test_a_policy_that_fails_ends_in_one_line(run, tmp_path):
     assert status == 2
     assert err.count("\n") == 1
     assert "'faulty:act' returned a bad action" in err
+
+
+@pytest.mark.full
+def test_actions_of_another_size_are_refused_before_all_kitchens_are_built(run, tmp_path, monkeypatch):
+    """And the control mode that the protocol sets is named in the heading and in the error."""
+    (tmp_path / "nine_joints.py").write_text("def act(timestep):\n    return [0.0] * 9\n")
+    sys.modules.pop("nine_joints", None)
+    built = []
+    load = Domain.load
+    monkeypatch.setattr(Domain, "load", lambda self, **arguments: built.append(arguments) or load(self, **arguments))
+    kitchens = ["--domain_name=kitchens", "--protocol=unseen-kitchens", "--num_envs=1"]
+    status, out, err = run("--policy=nine_joints:act", *kitchens)
+    assert status == 2
+    assert ", control_mode ee_delta_pose, " in out
+    assert "bad action in control_mode 'ee_delta_pose': action must have shape (7,), got shape (9,)" in err
+    assert {arguments["design"] for arguments in built} == {0}
+
+
+OWN = "each episode varies (variations start (seen))"
+
+
+@pytest.mark.full
+def test_a_policy_of_ones_own_is_told_that_starts_vary_and_which_flag_decides(run, tmp_path):
+    (tmp_path / "still.py").write_text("def act(timestep):\n    return [0.0] * 9\n")
+    sys.modules.pop("still", None)
+    short = ["--num_episodes=1", "--max_episode_steps=2"]
+    assert OWN in run("--policy=still:act", *short)[1]
+    _, out, _ = run("--policy=still:act", *short, "--variations=none")
+    assert "each episode varies" not in out
+    assert "variations none: 1 episode" in out
+    assert "each episode varies" not in run("--policy=zero", *short)[1]
+    # Its conditions vary in different ways, which no flag replaces.
+    assert "each episode varies" not in run("--policy=still:act", *short, "--protocol=shift")[1]
 
 
 @pytest.mark.full

@@ -123,9 +123,9 @@ def test_the_bootstrap_is_that_of_the_mean_and_the_same_every_time():
     assert mean_difference(values, greatest=4) == (middle, (low, high))
 
 
-@pytest.mark.parametrize(("size", "batch"), [(2, 5_000_000), (3, 3_333_333)])
-def test_the_bootstrap_has_fixed_random_numbers_and_little_memory(size, batch, monkeypatch):
-    """It holds at most ten million numbers at once, but of at least one sample."""
+@pytest.mark.parametrize(("size", "batch", "unit"), [(2, 5_000_000, 2), (3, 3_333_333, 4)])
+def test_the_bootstrap_has_fixed_random_numbers_and_little_memory(size, batch, unit, monkeypatch):
+    """It holds at most ten million numbers at once, but of at least one sample, which is below 1 in its unit."""
     given = {}
 
     def bootstrap(data, statistic, **others):
@@ -133,11 +133,11 @@ def test_the_bootstrap_has_fixed_random_numbers_and_little_memory(size, batch, m
         return types.SimpleNamespace(confidence_interval=types.SimpleNamespace(low=-2, high=5))
 
     monkeypatch.setattr(paired.stats, "bootstrap", bootstrap)
-    assert mean_difference(np.arange(size)) == ((size - 1) / 2, (-2.0, 5.0))
+    assert mean_difference(np.arange(size)) == ((size - 1) / 2, (-2.0 * unit, 5.0 * unit))
     assert (given["confidence_level"], given["n_resamples"], given["batch"]) == (0.95, 9999, batch)
     assert given["random_state"].random() == np.random.default_rng(0).random()
     assert given["mean"] == 2.0
-    np.testing.assert_array_equal(given["data"], [np.arange(size)])
+    np.testing.assert_array_equal(given["data"], [np.arange(size) / unit])
     monkeypatch.setattr(paired, "_BATCH_NUMBERS", size - 1)
     mean_difference(np.arange(size))
     assert given["batch"] == 1
@@ -160,6 +160,44 @@ def test_equal_differences_leave_the_others_that_the_exact_limit_allows():
     assert mean_difference([0.5, 0.5]) == (0.5, None)
     with pytest.raises(ValueError, match="at least one"):
         mean_difference([])
+
+
+ULP = 2.0**-52
+
+
+@pytest.mark.parametrize("values", [[1.0, 1.0 + ULP], [1.0 - ULP, 1.0, 1.0 + ULP], [-3e300, -3e300 * (1.0 + ULP)]])
+def test_nearly_equal_differences_have_no_interval_of_nan(values):
+    middle, interval = mean_difference(values)
+    assert middle == pytest.approx(values[0], rel=1e-15)
+    assert interval is None
+    most = 4.0 * abs(values[0])
+    equal = mean_difference([values[0]] * len(values), greatest=most)[1]
+    assert mean_difference(values, greatest=most)[1] == pytest.approx(equal, rel=1e-14)
+
+
+def test_differences_that_differ_by_more_than_rounding_have_an_interval():
+    # With eight roundings between them, all four means of two are at hand.
+    assert mean_difference([1.0, 1.0 + 8 * ULP])[1] == (1.0, 1.0 + 8 * ULP)
+
+
+@pytest.mark.parametrize("power", [-1000, 990])
+def test_huge_and_tiny_differences_have_the_interval_of_their_multiples(power):
+    values = np.random.default_rng(2).normal(size=30)
+    middle, (low, high) = mean_difference(values)
+    expected = tuple(math.ldexp(bound, power) for bound in (low, high))
+    assert mean_difference(np.ldexp(values, power)) == (math.ldexp(middle, power), expected)
+
+
+def test_differences_whose_squares_are_infinite_have_an_interval():
+    # Each sample of two has a mean of -1e300, 0 or 1e300, and the outer two have a probability of a quarter.
+    assert mean_difference([1e300, -1e300]) == (0.0, (-1e300, 1e300))
+    assert mean_difference([1.7e308, 1.7e308]) == (1.7e308, None)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_difference_that_is_no_number_is_refused(value):
+    with pytest.raises(ValueError, match=f"differences must be finite, got {value}"):
+        mean_difference([1.0, value])
 
 
 def test_holm_by_hand():

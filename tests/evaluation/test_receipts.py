@@ -148,10 +148,10 @@ def test_a_receipt_holds_the_goals_that_were_taken_from_a_recording(run, tmp_pat
     ):
         with pytest.raises(ValueError, match=r"goal|option"):
             forge([broken, *resets[1:]])
-        results = {
-            "goals": [dataclasses.replace(receipt.results["goals"][0], reset=broken), *receipt.results["goals"][1:]]
-        }
-        dataclasses.replace(receipt, results=results).write(tmp_path / "b.npz")
+        arrays, metadata = contents_of(receipt, tmp_path / "a.npz")
+        metadata["episodes"]["goals"][0]["reset"] = broken
+        # Some of it is no JSON that the suite writes.
+        sealed_with(tmp_path / "b.npz", arrays, metadata)
         status, _, err = run(replay, "b.npz")
         assert (status, err.count("\n")) == (1, 1)
 
@@ -452,13 +452,18 @@ def sealed_with(path, arrays, metadata):
     path.write_bytes(sealed(files.pack_arrays({**arrays, "metadata": np.array(json.dumps(metadata))})))
 
 
+def contents_of(receipt, path):
+    """Arrays and metadata of a receipt, which is written to a path."""
+    receipt.write(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    return arrays, json.loads(str(arrays.pop("metadata")))
+
+
 @pytest.fixture
 def opened(short, tmp_path):
     """The arrays and the metadata of a short receipt."""
-    short.write(tmp_path / "opened.npz")
-    with np.load(tmp_path / "opened.npz") as file:
-        arrays = dict(file)
-    return arrays, json.loads(str(arrays.pop("metadata")))
+    return contents_of(short, tmp_path / "opened.npz")
 
 
 REFUSED = {
@@ -491,6 +496,51 @@ def test_what_makes_no_sense_is_refused_in_one_line(run, opened, tmp_path, kind)
     assert status == 1
     assert err.count("\n") == 1
     assert "\x1b" not in out + err
+
+
+FACTS = {
+    "a name": lambda data: data["evaluation"]["versions"].update({"confirmed by": "MuJoCo"}),
+    "a version": lambda data: data["evaluation"]["versions"].update({"mujoco": "3.17, and confirmed by its authors"}),
+    "no version": lambda data: data["evaluation"]["versions"].update({"numpy": ""}),
+    "another arm": lambda data: data["evaluation"]["versions"].update({"robot panda": "0" * 16}),
+    "a machine": lambda data: data.update(machine="any, and the scores are those of the paper"),
+}
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("kind", FACTS)
+def test_words_of_a_receipt_are_not_shown_as_facts(run, opened, tmp_path, kind):
+    arrays, metadata = opened
+    FACTS[kind](metadata)
+    sealed_with(tmp_path / "b.npz", arrays, metadata)
+    status, out, err = run(replay, "b.npz")
+    assert (status, out, err.count("\n")) == (1, "", 1)
+    assert "versions" in err or "version of" in err or "machine" in err
+
+
+def test_versions_of_packages_and_of_the_arm_are_read(monkeypatch):
+    # The arm's package may not be installed.
+    monkeypatch.setattr("kitchen_suite.episodes.spec.model_digest", lambda robot: "0" * 16)
+    plan = make_plan(PolicyRef.parse("zero"), "default", Replaced(num_episodes=1))
+    versions = {"kitchen-suite": "1.1.0.dev3+g12ab", "mujoco": "3.3.8", "robot panda": "0123456789abcdef"}
+    description = {**plan.description, "versions": versions}
+    with pytest.raises(ValueError, match="'robot panda'"):
+        EvaluationPlan.of(description)
+    description["conditions"]["random_4"]["task_kwargs"] |= {"robot": "panda", "control_mode": "ee_pose"}
+    assert EvaluationPlan.of(description).first.versions == versions
+
+
+@pytest.mark.full
+def test_a_receipt_of_episodes_without_actions_is_refused(run, tmp_path):
+    """The remedy is the one that the message names."""
+    arguments = {"num_episodes": 2, "max_episode_steps": 3, "num_envs": 2}
+    with pytest.raises(ValueError, match="evaluate with receipt, the path to write to"):
+        kitchen_suite.evaluate("zero", **arguments).write_receipt(tmp_path / "a.npz")
+    assert not (tmp_path / "a.npz").exists()
+    evaluation = kitchen_suite.evaluate("zero", **arguments, receipt=tmp_path / "a.npz")
+    evaluation.write_receipt(tmp_path / "b.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    assert run(replay, "b.npz")[0] == 0
 
 
 @pytest.mark.full

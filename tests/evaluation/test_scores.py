@@ -36,6 +36,29 @@ def test_wilsons_interval_contains_the_rate_and_is_symmetric(count, data):
     np.testing.assert_allclose(scores.wilson(count - successes, count), (1 - high, 1 - low), atol=1e-12)
 
 
+def test_nearly_equal_values_have_the_interval_of_equal_ones():
+    values = [0.5, 0.5 * (1.0 + 2.0**-52)]
+    assert scores.mean(values) == (pytest.approx(0.5), None)
+    equal = scores.mean([0.5, 0.5], low=0.0, high=1.0)[1]
+    assert scores.mean(values, low=0.0, high=1.0)[1] == pytest.approx(equal, rel=1e-14)
+
+
+def test_huge_and_tiny_values_have_the_interval_of_their_multiples():
+    # Student's t at one degree of freedom is 12.7062.
+    assert scores.mean([1e300, -1e300]) == (0.0, pytest.approx((-12.7062e300, 12.7062e300), rel=1e-5))
+    assert scores.mean([1e-300, -1e-300]) == (0.0, pytest.approx((-12.7062e-300, 12.7062e-300), rel=1e-5))
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1.1e300])
+@pytest.mark.parametrize("name", ["progress", "energy"])
+def test_an_episode_with_a_number_that_has_no_mean_is_refused(name, value):
+    numbers = {"progress": 0.0, "measures": {"energy": 1e300, "clean": True}}
+    EpisodeResult(condition="a", episode=0, seed=7, success=True, control_steps=1, **numbers)
+    numbers |= {"progress": value} if name == "progress" else {"measures": {"energy": value}}
+    with pytest.raises(ValueError, match=f"^{name} of the episode of seed 7 is .*: it must be a number from -1e"):
+        EpisodeResult(condition="a", episode=0, seed=7, success=True, control_steps=1, **numbers)
+
+
 # The quantile of the normal distribution that leaves 2.5 % above.
 Z = 1.959963984540054
 

@@ -14,9 +14,9 @@ from helpers.protocols import domain_of
 
 from kitchen_suite import suite
 from kitchen_suite.commands import evaluate, replay
-from kitchen_suite.evaluation.confirmed import constant_successes, format_subject
+from kitchen_suite.evaluation.confirmed import constant_successes, format_changes, format_subject
 from kitchen_suite.evaluation.evaluate import as_json
-from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan
+from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan, make_unprepared_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipts import Receipt
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -89,21 +89,82 @@ GIVEN = {
 }
 
 
+# Defaults of the kitchen's environments, and of its control mode.
+DEFAULTS = {
+    "physics": "exact",
+    "control_mode": "joint_velocity",
+    "control_timestep": 0.08,
+    "velocity_scale": 2.0,
+    "feedback": "observed",
+    "obs_type": "goal",
+    "reward": "sparse",
+    "robot": "franka",
+    "robot_noise_ratio": 0.01,
+    "object_noise_ratio": 0.0005,
+    "sleep": False,
+    "variation_split": "seen",
+    "quality": False,
+}
+
+
+@pytest.mark.parametrize("argument", DEFAULTS)
+def test_a_default_that_is_given_is_no_value_replaced(argument):
+    replaced = Replaced(task_kwargs={argument: DEFAULTS[argument]})
+    plan = make_unprepared_plan(ZERO, "default", replaced)
+    assert plan.changes == {}
+    assert plan.replaced == []
+    assert format_subject(plan, []) == "kitchen, protocol default"
+
+
+# What is given beside a protocol, and the words that say what differs from it.
+WORDS = {
+    "nothing varies": ("default", {"variations": []}, "variations 'none', not ['start']"),
+    "none": ("default", {"variations": None}, "variations 'none', not ['start']"),
+    "the protocol's groups": ("default", {"variations": "start"}, ""),
+    "nothing varies in the protocol": ("d4rl", {"variations": ["start"]}, "variations ['start'], not 'none'"),
+    "no groups as in the protocol": ("d4rl", {"variations": "none"}, ""),
+    "physics": ("default", {"physics": "fast"}, "physics 'fast', not the default"),
+    "quality of a protocol": ("clean", {"quality": False}, "quality False, not True"),
+    "quality of another one": ("default", {"quality": True}, ""),
+    "the default of another mode": (
+        "default",
+        {"control_mode": "ee_delta_pose", "angular_speed": 1.0, "linear_speed": 0.5},
+        "control_mode 'ee_delta_pose', not the default; linear_speed 0.5, not the default",
+    ),
+    "images": (
+        "default",
+        {"obs_type": "pixels_agent_pos", "image_size": [128, 128], "render_quality": "high"},
+        "obs_type 'pixels_agent_pos', not the default",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", WORDS)
+def test_values_replaced_are_those_that_differ_in_words_that_are_true(kind):
+    protocol, task_kwargs, words = WORDS[kind]
+    plan = make_unprepared_plan(ZERO, protocol, Replaced(task_kwargs=task_kwargs))
+    assert format_changes(plan) == (f"values replaced: {words}" if words else "")
+    assert plan.replaced == (["conditions"] if words else [])
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_every_value_that_is_not_the_protocols_is_named(name):
     plan = unprepared(name)
     assert format_subject(plan, []) == f"{domain_of(name)}, protocol {name}"
     first, spec = next(iter(plan.specs.items()))
+    defaults = {**DEFAULTS, "design": 0, "physics": "fast"} if domain_of(name) == "kitchens" else DEFAULTS
     for argument in [*spec.task_kwargs, *(ARGUMENTS if name == "default" else ["threshold", "goals", "success"])]:
-        if argument in (*HARMLESS, "robot"):
+        # Quality replaces nothing where the scores are not made of it.
+        if argument in (*HARMLESS, "robot") or (argument == "quality" and name != "clean"):
             continue
         value = GIVEN[argument] if spec.task_kwargs.get(argument) != GIVEN[argument] else 11
         for kwargs in (
             {**spec.task_kwargs, argument: value},
             {each: own for each, own in spec.task_kwargs.items() if each != argument},
         ):
-            if kwargs != spec.task_kwargs:
+            is_default = argument not in kwargs and spec.task_kwargs.get(argument) == defaults.get(argument)
+            if kwargs != spec.task_kwargs and not is_default:
                 forged = dataclasses.replace(spec, task_kwargs=kwargs)
                 assert names(dataclasses.replace(plan, specs={**plan.specs, first: forged}), argument), argument
     for change in ({"seed": 1}, {"max_episode_steps": 7}):
@@ -127,7 +188,9 @@ def test_conditions_are_the_protocols(name):
     if others:
         # The easiest one alone.
         assert names(dataclasses.replace(plan, specs={others[0]: plan.specs[others[0]]}), "conditions")
-    replaced = dataclasses.replace(plan.specs[first], task_name="another")
+    spec = plan.specs[first]
+    another = next(task for task in suite.DOMAINS[spec.domain_name].tasks if task != spec.task_name)
+    replaced = dataclasses.replace(spec, task_name=another)
     assert names(dataclasses.replace(plan, specs={**plan.specs, first: replaced}), "task_name")
 
 

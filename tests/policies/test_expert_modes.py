@@ -1,6 +1,7 @@
 """The scripted experts complete their tasks in every control mode, from observations alone."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -184,7 +185,9 @@ REJECTED = {
     ),
     "did you mean 'linear_speed'": lambda: experts.DrawerExpert("top", control_mode="ee_delta_pose", liner_speed=1.0),
     "velocity_scale must be finite and positive": lambda: experts.KitchenExpert(["kettle"], velocity_scale=0.0),
-    "cannot act in control mode object": lambda: make_encoder(object(), None),
+    "cannot act in control_mode 'mine', only in joint_velocity": lambda: make_encoder(
+        SimpleNamespace(name="mine"), None
+    ),
 }
 
 

@@ -152,4 +152,4 @@ def test_bad_options_are_refused(kitchen, options, problem):
 
 def test_other_domains_have_none(refusal):
     error = refusal(rollout, "--domain_name=open_cabinet", "--policy=undirected", "--num_episodes=1")
-    assert "OpenCabinetTask; the domains with one are kitchen" in error
+    assert "open_cabinet; the domains with one are kitchen" in error

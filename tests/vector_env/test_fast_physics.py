@@ -9,7 +9,7 @@ import pytest
 from helpers.sweeps import brief, walk
 from test_vector_autoreset import COUNT, MODES, assert_equal_for_ever, pair
 
-from kitchen_suite import policies, suite
+from kitchen_suite import EnvironmentSpec, policies, suite
 from kitchen_suite.commands import convert, record, replay, rollout
 
 IDS = {name: suite.DOMAINS[name].env_id for name in ("kitchen", "microwave_table", "kitchens")}
@@ -147,8 +147,15 @@ def test_sleep_beside_it_is_refused(sleep):
 
 @pytest.mark.full
 def test_a_scene_without_it_says_so():
-    with pytest.raises(ValueError, match="no physics 'fast'"):
-        load("open_cabinet", physics="fast")
+    for make in (
+        lambda: load("open_cabinet", physics="fast"),
+        lambda: gymnasium.make("kitchen_suite:KitchenSuite/TopDrawer-v1", physics="fast"),
+        lambda: EnvironmentSpec.make("open_cabinet", None, {"physics": "fast"}).make_vector_env(2, 1),
+    ):
+        with pytest.raises(ValueError, match=r"^open_cabinet has no fast physics: leave out physics$"):
+            make()
+    # As the message says.
+    load("open_cabinet").close()
     with pytest.raises(ValueError, match=r"'slow'.*'exact'"):
         load(physics="slow")
 

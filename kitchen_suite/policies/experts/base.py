@@ -212,7 +212,7 @@ def expert_class(task: composer.Task, kind: str = "expert") -> type[Expert]:
     name = getattr(task, "domain_name", None)
     if name not in domains:
         names, what = ", ".join(domains), "expert" if kind == "expert" else f"{kind} expert"
-        raise ValueError(f"there is no {what} for {type(task).__name__}; the domains with one are {names}")
+        raise ValueError(f"there is no {what} for {name or type(task).__name__}; the domains with one are {names}")
     expert: type[Expert] = domains[name].resolve(kind)
     return expert
 

@@ -348,6 +348,6 @@ ENCODERS: Mapping[type[ActionMode], Callable[[Any, ArmModel], ActionEncoder]] = 
 def make_encoder(mode: ActionMode, arm: ArmModel) -> ActionEncoder:
     """Builds the encoder of a control mode, an instance of one of the classes in `ENCODERS`."""
     if type(mode) not in ENCODERS:
-        names = ", ".join(each.__name__ for each in ENCODERS)
-        raise ValueError(f"the experts cannot act in control mode {type(mode).__name__}, only in {names}")
+        names = ", ".join(dict.fromkeys(each.name for each in ENCODERS))
+        raise ValueError(f"the experts cannot act in control_mode {mode.name!r}, only in {names} of the suite's own")
     return ENCODERS[type(mode)](mode, arm)
