@@ -11,7 +11,7 @@ from dm_control import mjcf
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.tasks import quality
+from kitchen_suite.tasks.episode import quality
 
 # Task and scale of random actions by domain.
 TASKS = {
