@@ -21,7 +21,7 @@ from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import Observations, Present
 from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import cameras
-from kitchen_suite.tasks.observables import DEFAULT_SIZE as IMAGE_SIZE
+from kitchen_suite.tasks.pictures import DEFAULT_SIZE as IMAGE_SIZE
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES
 
 # Option of a reset of single environments.
