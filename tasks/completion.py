@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.mdp import MDP
-from kitchen_suite.tasks.shaping import SPARSE_TERMS
+from kitchen_suite.tasks.rewards import SPARSE_TERMS
 
 Reading = TypeVar("Reading")
 State = TypeVar("State", bound=Any)

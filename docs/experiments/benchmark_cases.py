@@ -28,7 +28,7 @@ from kitchen_suite.environment import INTEGRATION_STATE, Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks import KitchenTask
 from kitchen_suite.tasks.control_modes.joints import ACTION_SIZE, DEFAULT_POSE
-from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, position_target
+from kitchen_suite.tasks.kitchen.control_modes import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, position_target
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.open_cabinet import mdp
 from kitchen_suite.vector_env.base import SuiteVectorEnv

@@ -36,7 +36,7 @@ from kitchen_suite.names import EXACT, FAST, PHYSICS
 from kitchen_suite.policies.trained import SHIPPED, shipped_as
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, CONTROL_TIMESTEP
 
 TASKS = tuple(task.replace(" ", "_") for task in GOALS)
 FIRST_SEED = 60_000

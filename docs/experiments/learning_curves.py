@@ -75,7 +75,7 @@ def build_kettle(seed: int) -> "BaseAlgorithm":
 
     from kitchen_suite.adapters.stable_baselines3 import make_vec_env
     from kitchen_suite.tasks.kitchen.mdp import REWARD_STATE
-    from kitchen_suite.tasks.kitchen.reward import Shaping
+    from kitchen_suite.tasks.kitchen.shaping import Shaping
 
     environments = make_vec_env(
         "kitchen_suite:KitchenSuite/Kettle-v1",

@@ -44,7 +44,7 @@ from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.variations import DONE, done_parameter
 from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
-from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
+from kitchen_suite.tasks.open_cabinet import rewards as drawer_reward
 from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS as DRAWER_INSTRUCTIONS
 from kitchen_suite.tasks.variations import appearance, distributions
 from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, Choice, Distribution

@@ -6,7 +6,7 @@ import numpy as np
 
 from kitchen_suite.entities.designs import Design
 from kitchen_suite.gymnasium_env.base import SuiteEnv
-from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.control_modes import CONTROL_TIMESTEP
 
 
 class GeneratedKitchenEnv(SuiteEnv):

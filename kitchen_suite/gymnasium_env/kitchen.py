@@ -16,7 +16,7 @@ from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT
 from kitchen_suite.gymnasium_env.original import OriginalEnv
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.kitchen import goal_rewards
-from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.control_modes import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goal_rewards import (
     EPISODE_COMPLETIONS,
     STEP_COMPLETIONS,

@@ -9,5 +9,5 @@
 | `ee_delta_pose`     | 7      | `end_effector` |
 | `ee_pose`           | 8      | `end_effector` |
 
-The kitchen's own `joint_velocity` and `joint_position` are in `tasks.kitchen.action`.
+The kitchen's own `joint_velocity` and `joint_position` are in `tasks.kitchen.control_modes`.
 """

@@ -24,11 +24,11 @@ from kitchen_suite.tasks.generated_kitchens.mdp import (
 from kitchen_suite.tasks.generated_kitchens.records import PartRecords
 from kitchen_suite.tasks.generated_kitchens.requests import VERBS, PartRequests, verb_of
 from kitchen_suite.tasks.highlighting import Highlighting
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.orders import sequence_of
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
-from kitchen_suite.tasks.shaping import CONTINUING, DENSE, REWARDS
+from kitchen_suite.tasks.rewards import CONTINUING, DENSE, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, one_of

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.mdp import ATTEMPTED, REWARD_STATE, KitchenMDP
-from kitchen_suite.tasks.kitchen.reward import Shaping, task_shares
+from kitchen_suite.tasks.kitchen.shaping import Shaping, task_shares
 from kitchen_suite.tasks.orders import REQUESTED, counted_in_order
-from kitchen_suite.tasks.shaping import GOAL_TERMS, Shares
+from kitchen_suite.tasks.rewards import GOAL_TERMS, Shares
 from kitchen_suite.tasks.terms import total
 from kitchen_suite.types import Array
 

@@ -14,9 +14,9 @@ from kitchen_suite.tasks.completion import CompletionMDP
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
-from kitchen_suite.tasks.kitchen.reward import Shaping, task_shares
+from kitchen_suite.tasks.kitchen.shaping import Shaping, task_shares
 from kitchen_suite.tasks.orders import REQUESTED, Ordering, counted_in_order, next_in_turn, order_info
-from kitchen_suite.tasks.shaping import SPARSE_TERMS, Shares
+from kitchen_suite.tasks.rewards import SPARSE_TERMS, Shares
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, Transition
 from kitchen_suite.types import Array

@@ -14,7 +14,7 @@ from kitchen_suite.names import DEFAULT_TASKS, KITCHEN_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.modes import make_mode, names_for_any_robot, split_options
 from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, make_success
 from kitchen_suite.tasks.highlighting import Highlighting
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, OUT_OF_REACH, THRESHOLD, Start, build_goals, initial_qpos, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
 from kitchen_suite.tasks.kitchen.observation import KitchenSensors, noise_scale
@@ -24,7 +24,7 @@ from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.orders import REQUESTED, Ordering
 from kitchen_suite.tasks.pictures import shown_at
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
-from kitchen_suite.tasks.shaping import CONTINUING, DENSE, REWARDS
+from kitchen_suite.tasks.rewards import CONTINUING, DENSE, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE
@@ -47,7 +47,7 @@ class KitchenTask(SuiteTask):
     Attributes:
       mdp: the task's settings.
       requests: the tasks that episodes ask for.
-      reward_name: key of the reward in `tasks.shaping.REWARDS`.
+      reward_name: key of the reward in `tasks.rewards.REWARDS`.
       success_options: the arguments `success` and `threshold` that the task was given.
     """
 

@@ -13,7 +13,7 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.open_cabinet.features import FEATURE_INDICES, Features, OpenCabinetSensors, scalars
 from kitchen_suite.tasks.open_cabinet.observation import LIMIT, ROBOT_KEYS, SIZE, SLICES, clipped, observe
-from kitchen_suite.tasks.open_cabinet.reward import Grip, grip, succeeds, terminates
+from kitchen_suite.tasks.open_cabinet.rewards import Grip, grip, succeeds, terminates
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, Transition
 from kitchen_suite.types import Array

@@ -17,7 +17,7 @@ from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, OpenCabinetMDP
-from kitchen_suite.tasks.open_cabinet.reward import REWARDS
+from kitchen_suite.tasks.open_cabinet.rewards import REWARDS
 from kitchen_suite.tasks.open_cabinet.variations import VARIED
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.records import OpeningRecords
@@ -45,7 +45,7 @@ class OpenCabinetTask(SuiteTask):
 
     Start: the robot in its default pose in front of the cabinet, with noise U(-0.125, 0.125) on each joint within its
       limits; drawers and doors closed.
-    Reward: at each step, the sum of seven terms, those of `reward.REWARDS`.
+    Reward: at each step, the sum of seven terms, those of `rewards.REWARDS`.
     End: discount 0 when the gripper reaches behind the handle or a joint moves faster than 5 rad/s or m/s; discount 1
       at the time limit. Success, an opening of 0.3 m or more, does not end the episode.
     Observations: 25 numbers in six named parts, in single precision, clipped to [-5, 5].
@@ -54,7 +54,7 @@ class OpenCabinetTask(SuiteTask):
     Attributes:
       scene: robot and cabinet in their arena.
       drawer: the drawer to be opened: `top` or `bottom`.
-      reward_name: key of the reward in `reward.REWARDS`.
+      reward_name: key of the reward in `rewards.REWARDS`.
     """
 
     scene: OpenCabinetScene

@@ -94,7 +94,7 @@ def test_a_recording_replays_exactly(run, runs):
 
 
 def test_cabinets_replay_exactly_however_long_the_environment_has_lived(run, capsys, monkeypatch):
-    monkeypatch.setattr("kitchen_suite.tasks.open_cabinet.reward.LATE_STAGE", 10)
+    monkeypatch.setattr("kitchen_suite.tasks.open_cabinet.rewards.LATE_STAGE", 10)
     command = ["--output=runs", "--domain_name=open_cabinet", "--num_envs=2", "--num_episodes=5"]
     assert record.main(["--num_threads=1", *command]) == 0
     capsys.readouterr()
@@ -132,7 +132,7 @@ ROLLOUTS = {
 )
 def test_a_folder_of_rollouts_replays_exactly(run, capsys, monkeypatch, arguments):
     # The second episode of an environment would begin with the greater penalties.
-    monkeypatch.setattr("kitchen_suite.tasks.open_cabinet.reward.LATE_STAGE", 10)
+    monkeypatch.setattr("kitchen_suite.tasks.open_cabinet.rewards.LATE_STAGE", 10)
     # More than 32 bits, as neither way of seeding may cut them off.
     assert rollout.main([*arguments, "--output=rolled", "--num_episodes=3", f"--seed={2**32 + 7}"]) == 0
     capsys.readouterr()

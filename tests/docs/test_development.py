@@ -2,6 +2,7 @@
 
 import ast
 import re
+import textwrap
 
 import pytest
 import test_layers
@@ -69,3 +70,14 @@ def test_an_answer_names_functions_of_the_files_beside_them(title):
 def test_the_described_call_enters_the_functions_of_an_answer(title):
     entered = walks.walk(ROOT, ANSWERS[title]).entered
     assert {*steps(title)} - {*entered} == set()
+
+
+@pytest.mark.parametrize("name", ["reset", "start", "act", "advance"])
+def test_the_page_quotes_the_order_of_resets_and_control_steps(name):
+    source = (ROOT / "tasks" / "episode" / "runner.py").read_text(encoding="utf-8")
+    (runner,) = (each for each in ast.parse(source).body if getattr(each, "name", "") == "EpisodeRunner")
+    (method,) = (each for each in runner.body if getattr(each, "name", "") == name)
+    # Without its docstring.
+    body = source.splitlines()[method.body[1].lineno - 1 : method.end_lineno]
+    quoted = section("The order of a reset and of a control step")
+    assert f"```\n{textwrap.dedent(chr(10).join(body))}\n```" in quoted

@@ -17,7 +17,7 @@ from kitchen_suite.commands import evaluate, record, rollout
 from kitchen_suite.episodes.cluster import Cluster, ClusterError, _checked
 from kitchen_suite.episodes.play import play_part, play_singly
 from kitchen_suite.policies import PolicyRef
-from kitchen_suite.tasks.open_cabinet import reward
+from kitchen_suite.tasks.open_cabinet import rewards as reward
 from kitchen_suite.versions import installed_versions
 
 COMMANDS = {"kitchen-record": record.main, "kitchen-rollout": rollout.main, "kitchen-evaluate": evaluate.main}

@@ -7,7 +7,7 @@ from helpers.episodes import assert_same_arrays, load_episode
 from kitchen_suite import policies, suite
 from kitchen_suite.commands import rollout
 from kitchen_suite.episodes.spec import EpisodeSpec
-from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
+from kitchen_suite.tasks.open_cabinet import rewards as drawer_reward
 
 DOMAIN = "--domain_name=open_cabinet"
 SHORT = (DOMAIN, "--max_episode_steps=20")

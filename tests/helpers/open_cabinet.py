@@ -13,7 +13,7 @@ from kitchen_suite.policies.experts.kinematics import ArmKinematics
 from kitchen_suite.policies.experts.skills import HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
-from kitchen_suite.tasks.open_cabinet import reward
+from kitchen_suite.tasks.open_cabinet import rewards as reward
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 
 # Variations of the cabinet and the pads about their default values, for tasks of the top drawer [m, rad, N, N s/m, 1].

@@ -18,7 +18,7 @@ from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS
 from kitchen_suite.policies.experts.skills import ArcMove, HandOrientation
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
+from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 
 # Those that are not the default, which other tests cover.

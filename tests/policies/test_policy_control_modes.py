@@ -5,7 +5,7 @@ import pytest
 
 from kitchen_suite import policies, suite
 from kitchen_suite.policies.trained import shipped
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
+from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES
 
 STEPS = 20
 

@@ -64,16 +64,16 @@ TESTS = {
     ),
     "tasks/control_modes/joints.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
     "tasks/control_modes/end_effector.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
-    "tasks/kitchen/action.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
-    "tasks/kitchen/reward.py": ("tests/tasks/kitchen/test_kitchen_reward_terms.py",),
-    "tasks/shaping.py": ("tests/tasks/kitchen/test_kitchen_reward_terms.py",),
+    "tasks/kitchen/control_modes.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
+    "tasks/kitchen/shaping.py": ("tests/tasks/kitchen/test_kitchen_reward_terms.py",),
+    "tasks/rewards.py": ("tests/tasks/kitchen/test_kitchen_reward_terms.py",),
     "tasks/orders.py": (
         "tests/tasks/kitchen/test_task_draw.py",
         "tests/tasks/kitchen/test_tasks_in_order.py",
         "tests/tasks/kitchen/test_tasks_in_turn.py",
         "tests/tasks/kitchen/test_requested_tasks.py",
     ),
-    "tasks/open_cabinet/reward.py": (
+    "tasks/open_cabinet/rewards.py": (
         "tests/tasks/open_cabinet/test_open_cabinet_reward_terms.py",
         "tests/tasks/open_cabinet/test_open_cabinet_math.py",
     ),

@@ -136,7 +136,7 @@ def test_a_batch_changes_policy_and_values_and_counts_its_steps(trained):
 
 
 def test_the_terms_sum_up_to_the_reward_even_where_episodes_end():
-    from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
+    from kitchen_suite.tasks.open_cabinet import rewards as drawer_reward
 
     envs = environments(SMALL["num_envs"])
     # Actions wild enough that joints move too fast, which terminates episodes.

@@ -13,7 +13,7 @@ from helpers.episodes import left_behind
 from helpers.training import BATCH, METADATA, SMALL, assert_same_state, environments, learner
 
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
+from kitchen_suite.tasks.open_cabinet import rewards as drawer_reward
 from kitchen_suite.training.recipes import Schedule
 from kitchen_suite.training.run_folder import RunDescription
 

@@ -31,7 +31,7 @@ from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.generated_kitchens import mdp
 from kitchen_suite.tasks.generated_kitchens.mdp import SLICES, SLOT_SIZE, SLOT_SLICES, SlotSensors, size
 from kitchen_suite.tasks.generated_kitchens.task import GeneratedKitchenTask
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
+from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.types import Array, Vector
 

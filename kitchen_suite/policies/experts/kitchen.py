@@ -28,7 +28,7 @@ from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeed
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.episode import quantities
 from kitchen_suite.tasks.goals import GoalSet, StrictSuccess, Thresholds, make_success
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, THRESHOLD, build_goals, initial_qpos
 from kitchen_suite.tasks.kitchen.observation import SIZE, StateSlices
 from kitchen_suite.tasks.kitchen.task import KitchenTask

@@ -21,7 +21,7 @@ from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JOINT_HIGH, J
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, SLICES
-from kitchen_suite.tasks.open_cabinet.reward import SUCCESS_OPENING
+from kitchen_suite.tasks.open_cabinet.rewards import SUCCESS_OPENING
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
 from kitchen_suite.types import Array, Vector
 

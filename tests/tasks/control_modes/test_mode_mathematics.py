@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from kitchen_suite.entities import PANDA, Robot
 from kitchen_suite.tasks.control_modes import end_effector, joints
 from kitchen_suite.tasks.control_modes.mode import MEDIAN
-from kitchen_suite.tasks.kitchen import action as kitchen
+from kitchen_suite.tasks.kitchen import control_modes as kitchen
 
 # Limits of the Panda's joints [rad, m].
 LOW = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973, 0.0, 0.0])

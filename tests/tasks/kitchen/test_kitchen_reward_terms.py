@@ -5,10 +5,10 @@ import types
 import numpy as np
 import pytest
 
-from kitchen_suite.tasks import shaping as reward
+from kitchen_suite.tasks import rewards as reward
 from kitchen_suite.tasks.goals import Goal, GoalSet, ThresholdSuccess
-from kitchen_suite.tasks.kitchen.reward import Shaping, task_shares
-from kitchen_suite.tasks.shaping import Shares, covered
+from kitchen_suite.tasks.kitchen.shaping import Shaping, task_shares
+from kitchen_suite.tasks.rewards import Shares, covered
 
 # A door with one joint, which opens to 1, and a lid with two.
 GOALS = GoalSet.build(

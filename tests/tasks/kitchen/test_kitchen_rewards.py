@@ -9,7 +9,7 @@ from helpers.errors import refused
 from kitchen_suite.experts import KitchenExpert
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
-from kitchen_suite.tasks.shaping import REWARDS
+from kitchen_suite.tasks.rewards import REWARDS
 
 TERMS = ("approach", "progress", "completion")
 QUICK = ("kettle", "slide cabinet")

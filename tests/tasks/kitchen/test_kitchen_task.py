@@ -15,9 +15,9 @@ from kitchen_suite.entities.props import Microwave
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.goals import GoalSet, Progress, goal_distances
 from kitchen_suite.tasks.kitchen import observation as noise
-from kitchen_suite.tasks.kitchen.action import position_target
+from kitchen_suite.tasks.kitchen.control_modes import position_target
 from kitchen_suite.tasks.kitchen.observation import KitchenSensors
-from kitchen_suite.tasks.shaping import completions
+from kitchen_suite.tasks.rewards import completions
 from kitchen_suite.tasks.terms import Observation
 
 # Greatest noise of each element at a ratio of 1.

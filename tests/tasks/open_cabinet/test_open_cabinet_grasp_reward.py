@@ -12,7 +12,7 @@ from kitchen_suite import suite
 from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID
 from kitchen_suite.tasks.open_cabinet.features import Features
-from kitchen_suite.tasks.open_cabinet.reward import REWARDS, grip, opening, terminates
+from kitchen_suite.tasks.open_cabinet.rewards import REWARDS, grip, opening, terminates
 
 # Poses in which the hand is around the top and the bottom handle.
 AT_HANDLE = {

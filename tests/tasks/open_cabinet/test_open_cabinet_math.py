@@ -5,7 +5,8 @@ import pytest
 from helpers.open_cabinet import reward_terms
 
 from kitchen_suite.tasks.control_modes import joints as actions
-from kitchen_suite.tasks.open_cabinet import observation, reward
+from kitchen_suite.tasks.open_cabinet import observation
+from kitchen_suite.tasks.open_cabinet import rewards as reward
 from kitchen_suite.tasks.open_cabinet.features import Features
 
 

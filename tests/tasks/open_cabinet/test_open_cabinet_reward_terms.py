@@ -5,7 +5,7 @@ import pytest
 from helpers.open_cabinet import TERMS, step_of
 
 from kitchen_suite.entities import CabinetConfig
-from kitchen_suite.tasks.open_cabinet import reward
+from kitchen_suite.tasks.open_cabinet import rewards as reward
 from kitchen_suite.tasks.open_cabinet.features import FEATURE_INDICES, FEATURES_SIZE, Features
 
 RADIUS = 0.006

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.goals import GoalSet, Success
-from kitchen_suite.tasks.shaping import Shares, covered
+from kitchen_suite.tasks.rewards import Shares, covered
 from kitchen_suite.types import Array
 
 
