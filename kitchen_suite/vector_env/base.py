@@ -67,8 +67,8 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
     is a batch for each of these. Everything else is computed by the task's MDP, on arrays with a leading axis.
 
     Infos are arrays with a leading axis, and a mask `_key` for each `key`, as Gymnasium's are. If a simulation
-    diverges, its episode ends with reward 0 and the next one starts in the same step; the infos then have a mask
-    `physics_error`.
+    diverges, its episode terminates with reward 0: the step counts for nothing, so that the last observation and infos
+    are those of the step before. The infos then have a mask `physics_error`.
 
     Attributes:
       autoreset_mode: when an environment whose episode has ended starts the next one; also in `metadata`.
@@ -414,18 +414,18 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
             stepping = ~(restarting | waiting)
             rewards, terminations, diverged = self._episodes.step(applied, stepping)
             truncates = self._mdp.truncates(self._episodes.state.mdp_state)
-            truncations = ((self._episodes.steps >= self._step_limit) | truncates) & stepping
+            truncations = ((self._episodes.steps >= self._step_limit) | truncates) & stepping & ~diverged
             # The episode of an environment that is left out ends.
             self._ended = terminations | truncations | waiting
-            self._episodes.start(restarting | diverged)
+            self._episodes.start(restarting)
             infos = vector_checks.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}
-            infos |= self._restart_in_same_step(diverged)
+            infos |= self._restart_in_same_step()
             infos |= vector_checks.with_masks(self._get_info(), self._everyone)
             infos |= self._episodes.masked_variation_info()
             return self._get_obs(), rewards, terminations, truncations, infos
 
-    def _restart_in_same_step(self, diverged: NDArray[np.bool_]) -> dict[str, Any]:
-        """With `SameStep`, starts an episode where one has ended, unless the divergence of a simulation has started it.
+    def _restart_in_same_step(self) -> dict[str, Any]:
+        """With `SameStep`, starts an episode where one has ended.
 
         Returns:
           Infos with the last observation and the last info of each episode that has ended, as Gymnasium formats them.
@@ -438,7 +438,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         for i in np.flatnonzero(ended).tolist():
             last[i] = tree.map_structure(lambda array, i=i: array[i].copy(), observations)
         info = self._masked_infos(ended)
-        self._episodes.start(ended & ~diverged)
+        self._episodes.start(ended)
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}
 
     def _check_episodes(self, stepping: NDArray[np.bool_]) -> None:

@@ -119,6 +119,28 @@ class JoinedBatch:
     step = functools.partialmethod(call, Batch.step)
 
 
+class StateCopies:
+    """Copies of the states of all simulations of a batch, to which they can return."""
+
+    def __init__(self, batch: Batch | JoinedBatch) -> None:
+        """Copies the present states."""
+        if isinstance(batch, JoinedBatch):
+            self._present, self._rows = [part.state for part in batch.batches], batch.rows
+        else:
+            self._present, self._rows = [batch.state], [np.arange(batch.nsim)]
+        self._copies = [states.copy() for states in self._present]
+
+    def update(self) -> None:
+        """Copies the present states."""
+        for copy, states in zip(self._copies, self._present, strict=True):
+            np.copyto(copy, states)
+
+    def restore(self, mask: NDArray[np.bool_]) -> None:
+        """Sets the states of the simulations where a mask `(n,)` is True to their copies."""
+        for states, copy, rows in zip(self._present, self._copies, self._rows, strict=True):
+            states[mask[rows]] = copy[mask[rows]]
+
+
 class JoinedRows:
     """Rows of several arrays as those of one."""
 

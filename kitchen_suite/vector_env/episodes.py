@@ -22,7 +22,7 @@ from kitchen_suite.tasks.episode import EpisodeState, Stepper
 from kitchen_suite.tasks.requests import Reset
 from kitchen_suite.tasks.variations.variations import SLEEP
 from kitchen_suite.vector_env import checks as vector_checks
-from kitchen_suite.vector_env.batches import JoinedSensors, make_simulations
+from kitchen_suite.vector_env.batches import JoinedSensors, StateCopies, make_simulations
 
 
 class Stream:
@@ -93,6 +93,7 @@ class BatchEpisodes:
         models = [each.physics.model.ptr for each in environments]
         self._moving = [moving_elements(model) for model in models]
         self.batch, self.simulation = make_simulations([each.physics for each in environments], threads)
+        self._last_states = StateCopies(self.batch)
         self._stepper = Stepper(
             self._mdp,
             self.simulation,
@@ -201,6 +202,7 @@ class BatchEpisodes:
             self._place_fixed_bodies(indices)
         if self._mdp.action_mode.reads_derived:
             self.batch.forward(indices, self._stage)
+        self._last_states.update()
 
     def _stream_of_next(self, i: int) -> Stream:
         """Returns the random stream of the next episode of environment `i`."""
@@ -222,6 +224,8 @@ class BatchEpisodes:
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
         """Makes a control step.
 
+        A simulation that diverges returns to the end of the control step before: its episode is then what it was there.
+
         Args:
           actions: `(n, k)`, as they are applied.
           stepping: `(n,)`, episodes that make the step; the others are not simulated, and have to be started again.
@@ -233,17 +237,24 @@ class BatchEpisodes:
         acting = self._stepper.act(self.state, actions, self._draw_actions(stepping))
         self.simulation.write("ctrl", mdp.sensors.ctrl, acting.ctrl)
         self.batch.step(None if stepping.all() else stepping, self._physics_steps, self._stage)
-        diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
+        diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1) & stepping
         alive = stepping & ~diverged
+        if diverged.any():
+            self._last_states.restore(diverged)
+            self.batch.forward(diverged, self._stage)
         self._draw_noise(alive)
         if self._extras:
-            self._extra_values = self._extras.read(self.simulation)
+            values = self._extras.read(self.simulation)
+            self._extra_values = np.where(diverged[:, np.newaxis], self._extra_values, values)
         after = self._stepper.advance(self.state, acting, self._sensors.read(self.simulation), self._draws)
         self._draw_noise_of_observations(after, alive)
-        before = self.state.mdp_state
-        self.state = after if alive.all() else after.keep_fields(mdp.persistent, before, ~alive)
-        self.steps += stepping
-        self.has_moved |= stepping
+        before = self.state
+        if diverged.any():
+            after = after.keep_rows(before, diverged)
+        self.state = after if alive.all() else after.keep_fields(mdp.persistent, before.mdp_state, ~alive)
+        self._last_states.update()
+        self.steps += alive
+        self.has_moved |= alive
         rewards = np.where(alive, mdp.reward(after.mdp_state), 0.0)
         return rewards, (self._stepper.terminates(after) & alive) | diverged, diverged
 
