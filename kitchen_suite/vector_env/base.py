@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.closing import closed_on_error
-from kitchen_suite.environment.edits import ModelSnapshot
 from kitchen_suite.environment.seeds import checked_stride
 from kitchen_suite.gymnasium_env.base import INSTRUCTION, RESET_MASK, STATE, SuiteEnv
 from kitchen_suite.gymnasium_env.observations import Present
@@ -122,12 +121,9 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
 
     def _build(self, threads: int, seed_stride: int) -> None:
         """Builds the environments of the single ones; for the arguments see `BatchEpisodes`."""
-        written: set[str] = set()
         for template in dict.fromkeys(self._templates):
             check_entities(template)
-            before = ModelSnapshot(template.environment.physics.model.ptr)
             template.reset()
-            written |= {*before.changed()} - {*template.composer_task.variations.randomizer.visual_fields}
         self._template_env = self._templates[0]
         self._task = self._template_env.composer_task
         self._mdp, self._observations = self._task.mdp, self._template_env.observations
@@ -139,7 +135,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         environments = [self.template_of(i).environment for i in range(self.num_envs)]
         self._tasks = [environment.task for environment in environments]
-        self._episodes = BatchEpisodes(environments, threads, written=sorted(written), seed_stride=seed_stride)
+        self._episodes = BatchEpisodes(environments, threads, seed_stride=seed_stride)
         self._pictures = BatchPictures(environments, self._episodes)
         self._ended = np.zeros(self.num_envs, bool)
         self._everyone, self._no_one = np.full(self.num_envs, True), np.full(self.num_envs, False)
@@ -345,7 +341,6 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
             self._episodes.follow(resets)
             self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})
             self._episodes.start(mask)
-            self._episodes.check_written_fields()
             self._ended = self._ended & ~mask
             return self._get_obs(), {**self._masked_infos(mask), **self._infos_of_reset(chosen, mask)}
 

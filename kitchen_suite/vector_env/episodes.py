@@ -3,7 +3,7 @@
 import kitchen_suite.rendering.without_gl  # noqa: F401
 
 # isort: split
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -61,7 +61,6 @@ class BatchEpisodes:
         environments: Sequence[Environment],
         threads: int,
         *,
-        written: Collection[str] = (),
         seed_stride: int = 0,
     ) -> None:
         """Builds the simulations; `start` starts the episodes.
@@ -70,7 +69,6 @@ class BatchEpisodes:
           environments: the single environment that starts each of the `n` episodes, the same for many; their models are
             compiled, and their tasks differ in what is part of states and sensors alone. Nothing else may step them.
           threads: number of threads that step the episodes, including the calling one.
-          written: fields of the model that the tasks' own code writes at resets, beside what varies.
           seed_stride: by how much the seed of each next episode is greater; 0 where it continues the stream.
         """
         self._seed_stride = seed_stride
@@ -103,10 +101,7 @@ class BatchEpisodes:
             _joined([each.task.meter for each in distinct]),
         )
         randomizer = self._task.variations.randomizer
-        self._model_fields: dict[str, Any] = {
-            name: self.batch.expand(name)
-            for name in {**dict.fromkeys(randomizer.model_fields), **dict.fromkeys(written)}
-        }
+        self._model_fields: dict[str, Any] = {name: self.batch.expand(name) for name in randomizer.model_fields}
         for name in randomizer.visual_fields:
             self._model_fields[name] = [read_field(model, name) for model in models]
         self._snapshots = {each: ModelSnapshot(each.physics.model.ptr) for each in distinct}
@@ -156,15 +151,11 @@ class BatchEpisodes:
             if edited:
                 snapshot.update()
 
-    def check_written_fields(self) -> None:
-        """Raises a RuntimeError if resets have written fields of a model that they did not write at the first reset."""
-        for environment, snapshot in self._snapshots.items():
-            if names := self._unknown_changes(snapshot):
-                task = type(environment.task).__name__
-                raise RuntimeError(
-                    f"{task} has changed the fields {names} of the physics' model at this reset, but not at the first "
-                    "one, so that the simulations do not have them: write them at every reset"
-                )
+    def _expand_written_fields(self, environment: Environment) -> None:
+        """Gives simulations fields of their own that a reset has written for the first time, beside what varies."""
+        for name in self._unknown_changes(self._snapshots[environment]):
+            # No earlier reset has changed it: all simulations still have the value that their models were built with.
+            self._model_fields[name] = self.batch.expand(name)
 
     def _unknown_changes(self, snapshot: ModelSnapshot) -> list[str]:
         """Returns the fields that differ from a snapshot, beside those that every simulation has for itself."""
@@ -185,6 +176,7 @@ class BatchEpisodes:
             if i in self._resets:
                 task.follow(self._resets.pop(i))
             environment.start_episode()
+            self._expand_written_fields(environment)
             model, data = environment.physics.model.ptr, environment.physics.data.ptr
             mujoco.mj_getState(model, data, self.batch.state[i], INTEGRATION_STATE)
             for name, values in self._model_fields.items():
