@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kitchen_suite.entities.parameters import Parameter, task_parameter
 from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
 from kitchen_suite.tasks.mdp import MDP
-from kitchen_suite.tasks.pushes import Push, Pusher
+from kitchen_suite.tasks.pushes import Push
 from kitchen_suite.tasks.quality import Quality, QualityReading
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Termination
@@ -149,6 +149,13 @@ class QualityReader(Protocol):
         """Returns the values of the last control step."""
 
 
+class PushMaker(Protocol):
+    """Makes the pushes of episodes."""
+
+    def push(self, simulation: Any, push: Push, state: Any) -> Push:
+        """Makes the pushes that are due before a control step from a state of the MDP; returns the push after it."""
+
+
 class Acting(NamedTuple):
     """Action, targets and controls of a control step, with the memories that follow from it.
 
@@ -184,7 +191,7 @@ class Stepper:
 
     mdp: MDP
     simulation: Simulation
-    pusher: Pusher
+    pusher: PushMaker
     observations: ExtraObservations
     terminations: Mapping[str, Termination]
     meter: QualityReader | None = None

@@ -19,6 +19,7 @@ from dm_control import mjcf
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from kitchen_suite.tasks.pushes import Push, Pusher
 from kitchen_suite.tasks.simulation import BatchSimulation, Columns, Simulation
 
 _batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
@@ -196,6 +197,22 @@ class JoinedSensors:
         readings = [each.read(part) for each, part in zip(self._sensors, simulation.parts, strict=True)]
         arrays = zip(*(tree.flatten(reading) for reading in readings), strict=True)
         return tree.unflatten_as(readings[0], [simulation.batch.join(parts) for parts in arrays])
+
+
+class JoinedPusher:
+    """The pushers of several models, in each of which other joints belong to the tasks."""
+
+    def __init__(self, pushers: Sequence[Pusher]) -> None:
+        """Takes the pusher of each model of a `JoinedSimulation`, in its order."""
+        self._pushers = pushers
+
+    def push(self, simulation: JoinedSimulation, push: Push, state: Any) -> Push:
+        """Makes the pushes that are due; see `Pusher.push`."""
+        if push.is_due.any():
+            complete = self._pushers[0].complete(state)
+            for pusher, part, rows in zip(self._pushers, simulation.parts, simulation.batch.rows, strict=True):
+                pusher.move(part, Push(*(each[rows] for each in push)), complete[rows])
+        return push.stepped()
 
 
 def make_simulations(physics: Sequence[mjcf.Physics], threads: int) -> tuple[Any, Simulation]:

@@ -19,10 +19,11 @@ from kitchen_suite.gymnasium_env.base import PHYSICS_KEY
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.control_modes.mode import MEDIAN
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
+from kitchen_suite.tasks.pushes import Pusher
 from kitchen_suite.tasks.requests import Reset
 from kitchen_suite.tasks.variations.variations import SLEEP
 from kitchen_suite.vector_env import checks as vector_checks
-from kitchen_suite.vector_env.batches import JoinedSensors, StateCopies, make_simulations
+from kitchen_suite.vector_env.batches import JoinedPusher, JoinedSensors, StateCopies, make_simulations
 
 
 class Stream:
@@ -95,7 +96,7 @@ class BatchEpisodes:
         self._stepper = Stepper(
             self._mdp,
             self.simulation,
-            self._task.pusher,
+            _joined_pushers([each.task.pusher for each in distinct]),
             self._observations,
             self._task.terminations,
             _joined([each.task.meter for each in distinct]),
@@ -338,6 +339,11 @@ class BatchEpisodes:
 def _joined(sensors: Sequence[Any]) -> Any:
     """Returns the sensors of one model as they are, those of several joined; None for None."""
     return sensors[0] if len(sensors) == 1 or sensors[0] is None else JoinedSensors(sensors)
+
+
+def _joined_pushers(pushers: Sequence[Pusher]) -> Pusher | JoinedPusher:
+    """Returns the pusher of one model as it is, those of several joined."""
+    return pushers[0] if len(pushers) == 1 else JoinedPusher(pushers)
 
 
 def _check_robots(environments: Sequence[Environment]) -> None:

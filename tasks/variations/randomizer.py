@@ -15,8 +15,8 @@ from kitchen_suite.tasks.variations import distributions
 from kitchen_suite.tasks.variations.distributions import Variation
 from kitchen_suite.types import Array
 
-# Fields of MuJoCo's model that `mj_setConst` computes from masses, inertias and poses: also those that follow from poses
-# alone, which it computes anew from the poses that other parameters have set.
+# Fields of MuJoCo's model that `mj_setConst` computes from masses, inertias and poses: also those that depend on poses
+# alone, which other parameters may have set.
 DERIVED_FIELDS = (
     "body_subtreemass",
     "body_invweight0",
