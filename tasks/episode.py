@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kitchen_suite.entities.parameters import Parameter, task_parameter
 from kitchen_suite.tasks.extra_observations import ExtraObservations, Measured
 from kitchen_suite.tasks.mdp import MDP
-from kitchen_suite.tasks.pushes import Push, Pusher
+from kitchen_suite.tasks.pushes import Push
 from kitchen_suite.tasks.quality import Quality, QualityReading
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Termination
@@ -117,6 +117,15 @@ class EpisodeState(NamedTuple):
         kept = {name: np.where(where, getattr(before, name), getattr(self.mdp_state, name)) for name in names}
         return self._replace(mdp_state=self.mdp_state._replace(**kept)) if kept else self
 
+    def keep_rows(self, before: Self, where: NDArray[np.bool_]) -> Self:
+        """Returns the states of many episodes, in fresh arrays, with those before where a mask `(n,)` is True."""
+
+        def kept(present: NDArray, earlier: NDArray) -> NDArray:
+            return np.where(where.reshape(-1, *(1,) * (present.ndim - 1)), earlier, present)
+
+        states: Self = map_arrays(kept, self, before)
+        return states
+
     def repeated(self, count: int) -> Self:
         """Returns the state of one episode for `count` of them: arrays with a new first axis."""
         repeated: Self = map_arrays(lambda each: np.repeat(np.asarray(each)[np.newaxis], count, axis=0), self)
@@ -138,6 +147,13 @@ class QualityReader(Protocol):
 
     def read(self, simulation: Any) -> QualityReading:
         """Returns the values of the last control step."""
+
+
+class PushMaker(Protocol):
+    """Makes the pushes of episodes."""
+
+    def push(self, simulation: Any, push: Push, state: Any) -> Push:
+        """Makes the pushes that are due before a control step from a state of the MDP; returns the push after it."""
 
 
 class Acting(NamedTuple):
@@ -175,7 +191,7 @@ class Stepper:
 
     mdp: MDP
     simulation: Simulation
-    pusher: Pusher
+    pusher: PushMaker
     observations: ExtraObservations
     terminations: Mapping[str, Termination]
     meter: QualityReader | None = None

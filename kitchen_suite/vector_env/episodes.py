@@ -3,7 +3,7 @@
 import kitchen_suite.rendering.without_gl  # noqa: F401
 
 # isort: split
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -19,10 +19,11 @@ from kitchen_suite.gymnasium_env.base import PHYSICS_KEY
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.control_modes.mode import MEDIAN
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
+from kitchen_suite.tasks.pushes import Pusher
 from kitchen_suite.tasks.requests import Reset
 from kitchen_suite.tasks.variations.variations import SLEEP
 from kitchen_suite.vector_env import checks as vector_checks
-from kitchen_suite.vector_env.batches import JoinedSensors, make_simulations
+from kitchen_suite.vector_env.batches import JoinedPusher, JoinedSensors, StateCopies, make_simulations
 
 
 class Stream:
@@ -61,7 +62,6 @@ class BatchEpisodes:
         environments: Sequence[Environment],
         threads: int,
         *,
-        written: Collection[str] = (),
         seed_stride: int = 0,
     ) -> None:
         """Builds the simulations; `start` starts the episodes.
@@ -70,7 +70,6 @@ class BatchEpisodes:
           environments: the single environment that starts each of the `n` episodes, the same for many; their models are
             compiled, and their tasks differ in what is part of states and sensors alone. Nothing else may step them.
           threads: number of threads that step the episodes, including the calling one.
-          written: fields of the model that the tasks' own code writes at resets, beside what varies.
           seed_stride: by how much the seed of each next episode is greater; 0 where it continues the stream.
         """
         self._seed_stride = seed_stride
@@ -93,19 +92,17 @@ class BatchEpisodes:
         models = [each.physics.model.ptr for each in environments]
         self._moving = [moving_elements(model) for model in models]
         self.batch, self.simulation = make_simulations([each.physics for each in environments], threads)
+        self._last_states = StateCopies(self.batch)
         self._stepper = Stepper(
             self._mdp,
             self.simulation,
-            self._task.pusher,
+            _joined_pushers([each.task.pusher for each in distinct]),
             self._observations,
             self._task.terminations,
             _joined([each.task.meter for each in distinct]),
         )
         randomizer = self._task.variations.randomizer
-        self._model_fields: dict[str, Any] = {
-            name: self.batch.expand(name)
-            for name in {**dict.fromkeys(randomizer.model_fields), **dict.fromkeys(written)}
-        }
+        self._model_fields: dict[str, Any] = {name: self.batch.expand(name) for name in randomizer.model_fields}
         for name in randomizer.visual_fields:
             self._model_fields[name] = [read_field(model, name) for model in models]
         self._snapshots = {each: ModelSnapshot(each.physics.model.ptr) for each in distinct}
@@ -155,15 +152,11 @@ class BatchEpisodes:
             if edited:
                 snapshot.update()
 
-    def check_written_fields(self) -> None:
-        """Raises a RuntimeError if resets have written fields of a model that they did not write at the first reset."""
-        for environment, snapshot in self._snapshots.items():
-            if names := self._unknown_changes(snapshot):
-                task = type(environment.task).__name__
-                raise RuntimeError(
-                    f"{task} has changed the fields {names} of the physics' model at this reset, but not at the first "
-                    "one, so that the simulations do not have them: write them at every reset"
-                )
+    def _expand_written_fields(self, environment: Environment) -> None:
+        """Gives simulations fields of their own that a reset has written for the first time, beside what varies."""
+        for name in self._unknown_changes(self._snapshots[environment]):
+            # No earlier reset has changed it: all simulations still have the value that their models were built with.
+            self._model_fields[name] = self.batch.expand(name)
 
     def _unknown_changes(self, snapshot: ModelSnapshot) -> list[str]:
         """Returns the fields that differ from a snapshot, beside those that every simulation has for itself."""
@@ -184,6 +177,7 @@ class BatchEpisodes:
             if i in self._resets:
                 task.follow(self._resets.pop(i))
             environment.start_episode()
+            self._expand_written_fields(environment)
             model, data = environment.physics.model.ptr, environment.physics.data.ptr
             mujoco.mj_getState(model, data, self.batch.state[i], INTEGRATION_STATE)
             for name, values in self._model_fields.items():
@@ -201,6 +195,7 @@ class BatchEpisodes:
             self._place_fixed_bodies(indices)
         if self._mdp.action_mode.reads_derived:
             self.batch.forward(indices, self._stage)
+        self._last_states.update()
 
     def _stream_of_next(self, i: int) -> Stream:
         """Returns the random stream of the next episode of environment `i`."""
@@ -222,6 +217,8 @@ class BatchEpisodes:
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
         """Makes a control step.
 
+        A simulation that diverges returns to the end of the control step before: its episode is then what it was there.
+
         Args:
           actions: `(n, k)`, as they are applied.
           stepping: `(n,)`, episodes that make the step; the others are not simulated, and have to be started again.
@@ -233,17 +230,24 @@ class BatchEpisodes:
         acting = self._stepper.act(self.state, actions, self._draw_actions(stepping))
         self.simulation.write("ctrl", mdp.sensors.ctrl, acting.ctrl)
         self.batch.step(None if stepping.all() else stepping, self._physics_steps, self._stage)
-        diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
+        diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1) & stepping
         alive = stepping & ~diverged
+        if diverged.any():
+            self._last_states.restore(diverged)
+            self.batch.forward(diverged, self._stage)
         self._draw_noise(alive)
         if self._extras:
-            self._extra_values = self._extras.read(self.simulation)
+            values = self._extras.read(self.simulation)
+            self._extra_values = np.where(diverged[:, np.newaxis], self._extra_values, values)
         after = self._stepper.advance(self.state, acting, self._sensors.read(self.simulation), self._draws)
         self._draw_noise_of_observations(after, alive)
-        before = self.state.mdp_state
-        self.state = after if alive.all() else after.keep_fields(mdp.persistent, before, ~alive)
-        self.steps += stepping
-        self.has_moved |= stepping
+        before = self.state
+        if diverged.any():
+            after = after.keep_rows(before, diverged)
+        self.state = after if alive.all() else after.keep_fields(mdp.persistent, before.mdp_state, ~alive)
+        self._last_states.update()
+        self.steps += alive
+        self.has_moved |= alive
         rewards = np.where(alive, mdp.reward(after.mdp_state), 0.0)
         return rewards, (self._stepper.terminates(after) & alive) | diverged, diverged
 
@@ -335,6 +339,11 @@ class BatchEpisodes:
 def _joined(sensors: Sequence[Any]) -> Any:
     """Returns the sensors of one model as they are, those of several joined; None for None."""
     return sensors[0] if len(sensors) == 1 or sensors[0] is None else JoinedSensors(sensors)
+
+
+def _joined_pushers(pushers: Sequence[Pusher]) -> Pusher | JoinedPusher:
+    """Returns the pusher of one model as it is, those of several joined."""
+    return pushers[0] if len(pushers) == 1 else JoinedPusher(pushers)
 
 
 def _check_robots(environments: Sequence[Environment]) -> None:

@@ -868,22 +868,41 @@ def test_what_a_tasks_reset_writes_into_the_model_differs_from_environment_to_en
             many, ones = envs.reset()[0], [env.reset()[0] for env in singles]
 
 
-def test_a_reset_that_writes_into_the_model_only_sometimes_is_an_error():
-    class Task(tasks.KitchenTask):
-        resets = 0
+class Slippery(tasks.KitchenTask):
+    """In one episode of two all friction is that of the built scene, in the others less."""
 
-        def reset_physics(self, physics, random_state):
-            super().reset_physics(physics, random_state)
-            self.resets += 1
-            if self.resets > 3:
-                physics.model.geom_friction[:, 0] = 0.1
+    def reset_physics(self, physics, random_state):
+        super().reset_physics(physics, random_state)
+        is_slippery = random_state.uniform() < 0.5
+        physics.model.geom_friction[:, 0] = 0.1 if is_slippery else 1.0
 
-    name = _temporary("kitchen", Task)
-    envs = SuiteVectorEnv(1, domain=name)
-    envs.reset(seed=0)
-    envs.reset()
-    with pytest.raises(RuntimeError, match="geom_friction"):
-        envs.reset()
+
+@pytest.mark.parametrize("mode", ["Disabled", "SameStep"])
+def test_a_reset_may_write_what_the_built_model_has_whatever_the_first_draw(mode, monkeypatch):
+    original = gymnasium.utils.seeding.np_random
+    name, frictions = _temporary("kitchen", Slippery), set()
+    for first in range(4):
+        # The first draw of all, which is made while the vector is built.
+        monkeypatch.setattr(
+            gymnasium.utils.seeding, "np_random", lambda seed=None, own=first: original(own if seed is None else seed)
+        )
+        single = SuiteEnv(domain=name)
+        envs = SuiteVectorEnv(
+            2, domain=name, num_threads=1, max_episode_steps=1, autoreset_mode=mode, episode_seeds=True
+        )
+        envs.reset(seed=0)
+        for number in range(6):
+            for i in range(2):
+                single.reset(seed=2 * number + i)
+                friction = envs._episodes.batch.get_model(i).geom_friction
+                np.testing.assert_array_equal(friction, single.environment.physics.model.geom_friction)
+                frictions.add(friction[0, 0])
+            # Each starts the next episodes, with the next seeds.
+            if mode == "Disabled":
+                envs.reset()
+            else:
+                envs.step(np.zeros(envs.action_space.shape))
+    assert frictions == {0.1, 1.0}
 
 
 @pytest.mark.full
