@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
     from kitchen_suite.tasks import SuiteTask
 
+# Arguments of tasks that only observations depend on: states of environments with others of these fit as well.
+_OF_OBSERVATIONS = {"cameras", "depth", "extra_observables", "image_size", "segmentation"}
+
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _ENV_ID = re.compile(r"[\w.-]+/[\w.-]+-v\d+")
 _ENTRY_POINT = re.compile(r"\w+(\.\w+)*:\w+")
@@ -249,6 +252,16 @@ class Domain:
             **given,
         }
         environment = Environment(task, time_limit=limit, random_state=random, **settings)
+        built = {name: arguments.get(name, argument.default) for name, argument in known.items()}
+        environment.keep_arguments(
+            scene={name: built[name] for name in sorted(of_scene - {"visuals"})},
+            # Those of the control mode are known to the task, with their defaults.
+            task={
+                name: value
+                for name, value in built.items()
+                if known[name].owner == "task" and name not in _OF_OBSERVATIONS
+            },
+        )
         own_arguments = {
             "time_limit": time_limit,
             "visuals": visuals,
