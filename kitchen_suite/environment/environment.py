@@ -14,6 +14,7 @@ from dm_control import composer
 from dm_control.composer.observation import observable
 from dm_control.rl import control
 from dm_env import specs
+from gymnasium.error import ClosedEnvironmentError
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
@@ -200,6 +201,7 @@ class Environment(composer.Environment):
     @property
     def physics(self) -> Physics:
         """The compiled scene, through a weak reference, as composer has it."""
+        self._check_open()
         physics: Physics = self._physics_proxy
         return physics
 
@@ -227,7 +229,19 @@ class Environment(composer.Environment):
         """Control steps in an episode; infinite without a time limit."""
         return self._step_limit
 
+    def close(self) -> None:
+        """Frees the physics; steps and resets then raise a `gymnasium.error.ClosedEnvironmentError`."""
+        if self._physics is not None:
+            super().close()
+            # A step then begins with a reset, which raises.
+            self._reset_next_step = True
+
+    def _check_open(self) -> None:
+        if self._physics is None:
+            raise ClosedEnvironmentError("the environment is closed: build another one")
+
     def reset(self) -> dm_env.TimeStep:
+        self._check_open()
         if self._seed_stride:
             self._start_stream()
         self._reset_next_step = True
@@ -283,6 +297,7 @@ class Environment(composer.Environment):
 
     def start_episode(self) -> None:
         """Starts an episode as `reset` does once the model is compiled, but does not update the observation."""
+        self._check_open()
         with self._physics.reset_context():
             self._hooks.initialize_episode(self._physics_proxy, self._random_state)
         self._step_count, self._reset_next_step = 0, False
@@ -310,6 +325,7 @@ class Environment(composer.Environment):
 
         Its `digests` say of which environment it is.
         """
+        self._check_open()
         scene, physics = self._task.scene, np.empty(self._is_shared.size)
         mujoco.mj_getState(self._physics.model.ptr, self._physics.data.ptr, physics, INTEGRATION_STATE)
         return {

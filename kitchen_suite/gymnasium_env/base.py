@@ -460,6 +460,7 @@ class SuiteEnv(gymnasium.Env):
         return self._renderer.render(self.environment, self.render_mode)
 
     def close(self) -> None:
+        """Frees windows and GL contexts; as with the original, steps and resets go on, and a picture makes another."""
         self._renderer.close()
         if self.observations.has_pictures:
             self.environment.physics.free_context()
