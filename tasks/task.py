@@ -16,7 +16,7 @@ from dm_control.composer.observation import observable
 from dm_env import specs
 from numpy.typing import ArrayLike
 
-from kitchen_suite import checks
+from kitchen_suite import checks, signatures
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.names import ANY_ENVIRONMENT, EnvironmentClasses
@@ -419,6 +419,17 @@ class SuiteTask(composer.Task):
         self.restore_state(state)
         self.variations.restore(values, int(state.get("layout_refusals", 0)))
         self.episode = self.episode.with_memory(state)._replace(variation=self.variations.info)
+
+    def state_definition(self) -> dict[str, Any]:
+        """Returns what the task was built with, by name of the argument; states of tasks with others do not fit.
+
+        A task adds its own to those of its base. Arguments that `Domain.load` was given need not be among them, unless
+        they can be written in several ways.
+        """
+        mode = self.mdp.action_mode
+        # A user's mode need not keep its arguments.
+        settings = {name: getattr(mode, name) for name in signatures.names(type(mode)) if hasattr(mode, name)}
+        return {"control_mode": type(mode).__qualname__, **settings, **self.variations.definition}
 
     def saved_state(self) -> dict[str, Any]:
         """Returns what `get_state` returns of the MDP's state, and what else the task keeps."""

@@ -128,14 +128,13 @@ class GeneratedKitchenTask(SuiteTask):
         """
         control, observables = split_options(options, self.control_modes)
         names = tuple(checks.choice(verb, VERBS, "verb") for verb in checks.unique_names(verbs, "verbs"))
+        robot_ratio = checks.number(robot_noise_ratio, "robot_noise_ratio")
+        object_ratio = checks.number(object_noise_ratio, "object_noise_ratio")
         mdp = GeneratedKitchenMDP(
             sensors=SlotSensors(scene),
             action_mode=make_mode(control_mode, self.control_modes, control),
             rewards=REWARDS[checks.choice(reward, REWARDS, "reward")],
-            noise_scale=noise_scale(
-                robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
-                object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
-            ),
+            noise_scale=noise_scale(robot_ratio=robot_ratio, object_ratio=object_ratio),
             num_slots=checks.integer(num_slots, "num_slots", minimum=1, maximum=MAX_PARTS),
             is_dense=reward != "sparse",
             terminates_when_complete=reward not in CONTINUING,
@@ -147,6 +146,15 @@ class GeneratedKitchenTask(SuiteTask):
         allowed = _allowed(scene, certified)
         self.requests = PartRequests(scene, names, tasks_per_episode, mdp.num_slots, allowed)
         self.records = PartRecords(self)
+        self._definition = {
+            "verbs": names,
+            "tasks_per_episode": self.requests.counts,
+            "certified": self.requests.tasks,
+            "num_slots": mdp.num_slots,
+            "reward": reward,
+            "robot_noise_ratio": robot_ratio,
+            "object_noise_ratio": object_ratio,
+        }
         self._policy_name = "_".join(("kitchens", *names, *(() if reward == "sparse" else (reward,))))
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
         self.vary(handles=handles, home=HOME)
@@ -207,6 +215,9 @@ class GeneratedKitchenTask(SuiteTask):
 
     def initial_state(self, draws: Array) -> GeneratedKitchenState:
         return self.mdp.with_request(super().initial_state(draws), self.requests.order, self.requests.goal)
+
+    def state_definition(self) -> dict[str, Any]:
+        return {**super().state_definition(), **self._definition}
 
     def saved_state(self) -> dict[str, Any]:
         # Other kitchens may have states of the same sizes.

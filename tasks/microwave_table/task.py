@@ -134,6 +134,9 @@ class MicrowaveTableTask(SuiteTask):
         self._indices = SceneIndices(self.scene, self._goals, physics)
         self._highlighting = Highlighting(physics, [GOAL.geoms_in(self.scene)])
 
+    def state_definition(self) -> dict[str, Any]:
+        return {**super().state_definition(), "threshold": self.mdp.threshold}
+
     def _away_from_goal(self, values: Values) -> Values:
         """Returns values with which the door does not start nearly open."""
         door = self.simulation.read("qpos", self._indices.object_qpos)

@@ -157,6 +157,10 @@ class OpenCabinetTask(SuiteTask):
         data.qvel[:] = 0.0
         data.ctrl[self.mdp.sensors.ctrl] = pose
 
+    def state_definition(self) -> dict[str, Any]:
+        own = {"drawer": self.drawer, "reward": self.reward_name, "observation_noise": self.mdp.noise_scale}
+        return {**super().state_definition(), **own}
+
     def saved_state(self) -> dict[str, Any]:
         state = self.state
         return {
