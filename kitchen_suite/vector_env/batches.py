@@ -7,6 +7,7 @@ import collections
 import concurrent.futures
 import ctypes
 import functools
+import operator
 import os
 import weakref
 from collections.abc import Callable, Sequence
@@ -211,7 +212,7 @@ class JoinedPusher:
         if push.is_due.any():
             complete = self._pushers[0].complete(state)
             for pusher, part, rows in zip(self._pushers, simulation.parts, simulation.batch.rows, strict=True):
-                pusher.move(part, push._make(each[rows] for each in push), complete[rows])
+                pusher.move(part, tree.map_structure(operator.itemgetter(rows), push), complete[rows])
         return push.stepped()
 
 
