@@ -1,13 +1,13 @@
-"""Terms of tasks: named functions that make up observation, reward and termination."""
+"""Terms of tasks: named functions that make up observation, reward, termination and success."""
 
 import dataclasses
 import functools
 import itertools
 import math
 import operator
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,7 @@ _MAX_PARTS = MAX_NAME_PARTS - 2
 
 
 class Transition:
-    """A control step of one episode, or of many; what terms of reward and termination are functions of.
+    """A control step of one episode, or of many; what terms of reward, termination and success are functions of.
 
     An MDP may have a class of its own, which adds quantities that several terms share.
 
@@ -51,6 +51,36 @@ RewardTerm = Callable[[Any], Array]
 
 Termination = Callable[[Any], NDArray[np.bool_]]
 """A reason to terminate an episode: a function of a `Transition` that returns bools `(...)`."""
+
+
+Condition = Callable[[Any], NDArray[np.bool_]]
+"""A condition of success: a function of a `Transition` that returns bools `(...)`."""
+
+
+class OwnSuccess(NamedTuple):
+    """Success of episodes by the conditions of a task's class.
+
+    Attributes:
+      conditions: `(...)` by name, whether each was true after the last control step.
+      reached: `(...)`, whether all of them have been true after one control step, the last one or one before.
+    """
+
+    conditions: dict[str, NDArray[np.bool_]]
+    reached: NDArray[np.bool_]
+
+    @classmethod
+    def start(cls, names: Iterable[str]) -> Self | None:
+        """Returns that of one episode before its first step; None without conditions."""
+        conditions = {name: np.array(False) for name in names}
+        return cls(conditions, np.array(False)) if conditions else None
+
+    def after(self, conditions: dict[str, NDArray[np.bool_]]) -> Self:
+        """Returns that after one more step, with the conditions `(...)` by name that are true then."""
+        return type(self)(conditions, self.reached | functools.reduce(operator.and_, conditions.values()))
+
+    def info(self) -> dict[str, NDArray[np.bool_]]:
+        """Returns the conditions as infos have them: fresh arrays `(...)`."""
+        return {f"success/{name}": np.array(condition) for name, condition in self.conditions.items()}
 
 
 def added(task: object, attribute: str) -> dict[str, Any]:
@@ -87,7 +117,7 @@ def check_recordable(names: Collection[str], what: str) -> None:
     """Raises a ValueError for names of terms under which a recording could not hold their values.
 
     Args:
-      names: of terms of the reward, or of terminations.
+      names: of terms of the reward, of terminations, or of conditions of success.
       what: has these names, for messages.
     """
     for name in names:

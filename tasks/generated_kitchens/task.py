@@ -146,7 +146,6 @@ class GeneratedKitchenTask(SuiteTask):
         self._words = part_words(scene)
         allowed = _allowed(scene, certified)
         self.requests = PartRequests(scene, names, tasks_per_episode, mdp.num_slots, allowed)
-        self.records = PartRecords(self)
         self._policy_name = "_".join(("kitchens", *names, *(() if reward == "sparse" else (reward,))))
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
         self.vary(handles=handles, home=HOME)
@@ -172,6 +171,9 @@ class GeneratedKitchenTask(SuiteTask):
     def requested_tasks(self) -> list[str]:
         """Tasks that the episode asks for, in their order."""
         return self.requests.names(self.state.order, self.state.goal)
+
+    def make_records(self) -> PartRecords:
+        return PartRecords(self)
 
     def make_policy_inputs(self, state_size: int) -> PolicyInputs:
         return PolicyInputs(names=(self._policy_name,), state_size=state_size)
