@@ -221,7 +221,7 @@ def _check_reset(
 ) -> None:
     """Resets the environments of `_check_episodes`, with seeds or without; raises a ValueError where they differ."""
     inner: Any = single.unwrapped
-    observation, _ = single.reset(seed=seeds and seeds[0])
+    observation, _ = single.reset(seed=seeds[0] if seeds else None)
     many_observation, _ = many.reset(seed=seeds and [*seeds])
     if seeds:
         generator = gymnasium.utils.seeding.np_random(seeds[0])[0]
