@@ -18,7 +18,7 @@ from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.pushes import Push
 from kitchen_suite.tasks.quality import Quality, QualityReading
 from kitchen_suite.tasks.simulation import Simulation
-from kitchen_suite.tasks.terms import Termination
+from kitchen_suite.tasks.terms import Condition, OwnSuccess, Termination
 from kitchen_suite.types import Array
 
 ACTION_DELAY = "sensing/action_delay"
@@ -72,6 +72,7 @@ class EpisodeState(NamedTuple):
       measured: the task's extra observations after the last control step, or at the reset; None if there are none.
       terminations: `(...)` by name, whether each of the task's extra terminations ended the episode in that step.
       quality: how well the episode has been done; None if it is not measured.
+      own_success: success by the task's `extra_successes`; None if there are none.
     """
 
     mdp_state: Any = None
@@ -82,15 +83,30 @@ class EpisodeState(NamedTuple):
     measured: Measured | None = None
     terminations: Mapping[str, NDArray[np.bool_]] = {}
     quality: Quality | None = None
+    own_success: OwnSuccess | None = None
 
     def scaled(self, draws: Array) -> Array:
         """Returns the draws `(..., k)` of the observation noise, scaled by the variation of sensing."""
         return draws if self.sensing is None else draws * self.sensing.noise
 
     def info(self) -> dict[str, NDArray]:
-        """Returns infos beside the MDP's: which extra terminations ended the episode, and its quality, `(...)` each."""
-        ended = {f"termination/{name}": np.array(ended) for name, ended in self.terminations.items()}
-        return ended if self.quality is None else {**ended, **self.quality.info()}
+        """Returns infos beside the MDP's, `(...)` each.
+
+        They are which extra terminations ended the episode, which conditions of its own success are true, and its
+        quality.
+        """
+        infos = {f"termination/{name}": np.array(ended) for name, ended in self.terminations.items()}
+        if self.own_success is not None:
+            infos |= self.own_success.info()
+        return infos if self.quality is None else {**infos, **self.quality.info()}
+
+    def mdp_info(self, mdp: MDP) -> dict[str, NDArray]:
+        """Returns the infos of the task's MDP, in which a success of the class's own is in place of the MDP's."""
+        infos = mdp.info(self.mdp_state)
+        if self.own_success is not None:
+            reached = {name: np.array(self.own_success.reached) for name in ("is_success", "success_at_any_time")}
+            infos |= {name: value for name, value in reached.items() if name in infos or name == "is_success"}
+        return infos
 
     def memory(self) -> dict[str, dict[str, Any]]:
         """Returns what a saved state holds beside the MDP's state: fresh arrays by part and field."""
@@ -109,6 +125,7 @@ class EpisodeState(NamedTuple):
             "push": self.push,
             "measured": self.measured,
             "quality": self.quality,
+            "own_success": self.own_success,
         }
         return {name: part for name, part in parts.items() if part is not None}
 
@@ -186,6 +203,7 @@ class Stepper:
       pusher: makes the pushes of episodes that have any.
       observations: what the task observes beside its own.
       terminations: further reasons of the task to terminate an episode, by name; they return fresh arrays.
+      successes: conditions of the success of the task's class, by name; they return fresh arrays.
       meter: reads what their quality is measured by; None if it is not measured.
     """
 
@@ -194,6 +212,7 @@ class Stepper:
     pusher: PushMaker
     observations: ExtraObservations
     terminations: Mapping[str, Termination]
+    successes: Mapping[str, Condition]
     meter: QualityReader | None = None
 
     def act(self, state: EpisodeState, action: Array, draw: Array | float) -> Acting:
@@ -237,6 +256,9 @@ class Stepper:
             measured = Measured(values, self.observations.noise_buffers(values))
         if self.terminations:
             terminations = {name: termination(step) for name, termination in self.terminations.items()}
+        own_success = state.own_success
+        if own_success is not None:
+            own_success = own_success.after({name: condition(step) for name, condition in self.successes.items()})
         quality = state.quality
         if quality is not None:
             assert self.meter is not None, "the quality of episodes is measured"
@@ -244,7 +266,15 @@ class Stepper:
         after = mdp.rewarded(step)
         # `_replace` takes twice as long.
         return EpisodeState(
-            after, acting.command, acting.sensing, acting.push, state.variation, measured, terminations, quality
+            after,
+            acting.command,
+            acting.sensing,
+            acting.push,
+            state.variation,
+            measured,
+            terminations,
+            quality,
+            own_success,
         )
 
     def terminates(self, state: EpisodeState) -> NDArray[np.bool_]:

@@ -33,7 +33,9 @@ from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
 from kitchen_suite.tasks.simulation import PhysicsSimulation, as_columns
 from kitchen_suite.tasks.terms import (
+    Condition,
     Observation,
+    OwnSuccess,
     RewardTerm,
     Termination,
     added,
@@ -85,10 +87,13 @@ class SuiteTask(composer.Task):
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       varied: the parameters that groups vary, in the order in which they are drawn.
       extra_rewards: additional terms of the reward by name, in classes of a user's own: functions of a step; see
-        `tasks.terms.Transition`. Of these three, a class adds to those of the classes that it extends, replaces one of
+        `tasks.terms.Transition`. Of these four, a class adds to those of the classes that it extends, replaces one of
         these under its name, and removes one by None. A property of a class may return them as well.
       extra_terminations: additional reasons to terminate an episode by name: functions of a step that return bools.
         Infos have them as `termination/<name>`.
+      extra_successes: conditions of a success of the class's own by name: functions of a step that return bools. Where
+        there are some, an episode succeeds at the first control step after which all of them are true, whatever the
+        tasks of the domain; it does not end by that. Infos have them as `success/<name>`.
       extra_observations: additional observations by name. They follow the domain's own in the state.
       instructions: the task in words: its sentence, then paraphrases of it; see `tasks.goals`.
       hidden_keys: keys of observations that policies do not see unless they are privileged, see `policies.registry`:
@@ -104,6 +109,7 @@ class SuiteTask(composer.Task):
       extras: quantities of `extra_observables` that are observed beside the task's own; None if there are none.
       observations: the `extra_observations` of the class and of those that it extends.
       terminations: their `extra_terminations`.
+      successes: their `extra_successes`.
       extra_observables: the observables of both by observation key.
       extra_slices: slice of each among their elements, which are the last ones of the state; from the compilation on.
       extra_size: number of their elements; from the compilation on.
@@ -124,6 +130,7 @@ class SuiteTask(composer.Task):
     # A class may have properties instead of these.
     extra_rewards: Any = MappingProxyType({})
     extra_terminations: Any = MappingProxyType({})
+    extra_successes: Any = MappingProxyType({})
     extra_observations: Any = MappingProxyType({})
     instructions: Any = ()
     hidden_keys: Collection[str] = frozenset()
@@ -176,6 +183,7 @@ class SuiteTask(composer.Task):
         self.extras = extras if extras.size else None
         self.observations = ExtraObservations(added(self, "extra_observations"), type(self).__name__)
         self.terminations: dict[str, Termination] = self._added_terms("extra_terminations", bool)
+        self.successes: dict[str, Condition] = self._added_terms("extra_successes", bool)
         own = self.observations.observables(self._measured)
         self.extra_observables: dict[str, observable.Observable] = joined(extras.by_name, own)
         self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
@@ -186,10 +194,11 @@ class SuiteTask(composer.Task):
             self.mdp = dataclasses.replace(mdp, rewards=self._joined_rewards(mdp.rewards, extra_rewards))
         check_recordable(self.mdp.rewards, f"reward and extra_rewards of {type(self).__name__}")
         check_recordable(self.terminations, f"extra_terminations of {type(self).__name__}")
+        check_recordable(self.successes, f"extra_successes of {type(self).__name__}")
         self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
         self.requests = Requests()
-        self.records = Records(self)
+        self.records = Records(self) if self.successes else self.make_records()
         self._reset = Reset()
         self.episode = EpisodeState()
         self.truncates = False
@@ -379,7 +388,7 @@ class SuiteTask(composer.Task):
     @property
     def episode_metrics(self) -> Metrics:
         """Metrics of the present episode up to the last control step; see `records`."""
-        return self.records.metrics(self.mdp.info(self.state))
+        return self.records.metrics(self.episode.mdp_info(self.mdp))
 
     @property
     def quality(self) -> dict[str, float]:
@@ -398,7 +407,7 @@ class SuiteTask(composer.Task):
     @property
     def episode_completions(self) -> Completions | None:
         """Tasks that the present episode asks for and has completed; None if they cannot be counted."""
-        return self.records.completions(self.mdp.info(self.state))
+        return self.records.completions(self.episode.mdp_info(self.mdp))
 
     def reset_statistics(self) -> None:
         """Resets all memory of earlier episodes, so that a run does not depend on earlier ones."""
@@ -460,7 +469,9 @@ class SuiteTask(composer.Task):
         self.random = random_state
         mdp, self.simulation = self.mdp, PhysicsSimulation(physics)
         self.pusher = Pusher.make(physics, self.scene, mdp)
-        self._stepper = Stepper(mdp, self.simulation, self.pusher, self.observations, self.terminations, self.meter)
+        self._stepper = Stepper(
+            mdp, self.simulation, self.pusher, self.observations, self.terminations, self.successes, self.meter
+        )
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
         self.variations.bind(physics)
@@ -494,6 +505,10 @@ class SuiteTask(composer.Task):
     def make_policy_inputs(self, state_size: int) -> PolicyInputs:
         """Returns the observation as trained policies take it, given the number of elements of the state."""
         return PolicyInputs(names=(type(self).__name__,), state_size=state_size)
+
+    def make_records(self) -> Records:
+        """Returns what reads metrics and completions of the domain's tasks; not called with `extra_successes`."""
+        return Records(self)
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random = random_state
@@ -568,7 +583,11 @@ class SuiteTask(composer.Task):
             variation=self.variations.info,
         )
         state = self.initial_state(start.scaled(draws))
-        episode = start._replace(mdp_state=state, terminations=dict.fromkeys(self.terminations, np.array(False)))
+        episode = start._replace(
+            mdp_state=state,
+            terminations=dict.fromkeys(self.terminations, np.array(False)),
+            own_success=OwnSuccess.start(self.successes),
+        )
         if self.observations.by_name:
             self.simulation.evaluate()
             values = self.observations.measure(self.simulation, state, ())

@@ -343,8 +343,8 @@ class SuiteEnv(gymnasium.Env):
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the info of the last step or reset, in fresh lists and arrays, without that of the variation."""
-        info = self.composer_task.mdp.info(self.composer_task.state)
-        return {**info, "episode_step": self._number(self._episode_step)}
+        task = self.composer_task
+        return {**task.episode.mdp_info(task.mdp), "episode_step": self._number(self._episode_step)}
 
     def _number(self, value: float) -> Any:
         """Returns a number as infos have it."""

@@ -149,7 +149,7 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
 
     def _get_info(self) -> dict[str, Any]:
         task = self.composer_task
-        info = task.mdp.info(task.state)
+        info = task.episode.mdp_info(task.mdp)
         names = {
             TO_COMPLETE: task.tasks_to_complete,
             STEP_COMPLETIONS: task.step_task_completions,

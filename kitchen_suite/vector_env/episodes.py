@@ -99,6 +99,7 @@ class BatchEpisodes:
             _joined_pushers([each.task.pusher for each in distinct]),
             self._observations,
             self._task.terminations,
+            self._task.successes,
             _joined([each.task.meter for each in distinct]),
         )
         randomizer = self._task.variations.randomizer
@@ -298,9 +299,9 @@ class BatchEpisodes:
         return tuple(state[moving].copy() for state, moving in zip(self.batch.state, self._moving, strict=True))
 
     def info(self) -> dict[str, Any]:
-        """Returns the infos of MDP, terminations and quality, and `episode_step`, the number of steps: `(n, ...)`."""
+        """Returns the infos of MDP, terms and quality, and `episode_step`, the number of steps: `(n, ...)`."""
         return {
-            **self._mdp.info(self.state.mdp_state),
+            **self.state.mdp_info(self._mdp),
             **self.state.info(),
             "episode_step": self.steps.copy(),
         }

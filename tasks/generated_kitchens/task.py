@@ -145,7 +145,6 @@ class GeneratedKitchenTask(SuiteTask):
         self._words = part_words(scene)
         allowed = _allowed(scene, certified)
         self.requests = PartRequests(scene, names, tasks_per_episode, mdp.num_slots, allowed)
-        self.records = PartRecords(self)
         self._definition = {
             "verbs": names,
             "tasks_per_episode": self.requests.counts,
@@ -180,6 +179,9 @@ class GeneratedKitchenTask(SuiteTask):
     def requested_tasks(self) -> list[str]:
         """Tasks that the episode asks for, in their order."""
         return self.requests.names(self.state.order, self.state.goal)
+
+    def make_records(self) -> PartRecords:
+        return PartRecords(self)
 
     def make_policy_inputs(self, state_size: int) -> PolicyInputs:
         return PolicyInputs(names=(self._policy_name,), state_size=state_size)

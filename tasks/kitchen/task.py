@@ -164,7 +164,6 @@ class KitchenTask(SuiteTask):
         super().__init__(scene, mdp, **observables)
         self.requests = TaskRequests(goal_set, mdp.ordering.draw, goal_states, mdp.initial_qpos.size)
         handles = (goal.handle_in(scene) for goal in goal_set.goals)
-        self.records = KitchenRecords(self)
         self.vary(
             handles=[handle for handle in handles if handle.name not in OUT_OF_REACH],
             parameters=[done_parameter(scene, lambda: self.requests.tasks)],
@@ -174,6 +173,9 @@ class KitchenTask(SuiteTask):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(tasks_to_complete={list(self.mdp.goals.tasks)})"
+
+    def make_records(self) -> KitchenRecords:
+        return KitchenRecords(self)
 
     def make_policy_inputs(self, state_size: int) -> PolicyInputs:
         mdp = self.mdp

@@ -120,7 +120,6 @@ class MicrowaveTableTask(SuiteTask):
             threshold=checks.number(threshold, "threshold"),
         )
         super().__init__(scene, mdp, **observables)
-        self.records = OpeningRecords(self, "door")
         self.vary(
             handles=[goal.handle_in(scene) for goal in self._goals.goals],
             home=DEFAULT_POSE,
@@ -129,6 +128,9 @@ class MicrowaveTableTask(SuiteTask):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(threshold={self.mdp.threshold:g})"
+
+    def make_records(self) -> OpeningRecords:
+        return OpeningRecords(self, "door")
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._indices = SceneIndices(self.scene, self._goals, physics)
