@@ -86,8 +86,16 @@ def shown(value: object) -> str:
 def shortened(text: str, length: int = _MAX_SHOWN) -> str:
     """Returns a text in one line of printable characters, without its middle if it is longer than `length`."""
     line = _without_middle(" ".join(text.split()), length)
-    escaped = "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
-    return _without_middle(escaped, length)
+    return _without_middle(printable(line), length)
+
+
+def printable(text: str) -> str:
+    """Returns a text with the codes of what a terminal would obey or hide: control characters, but no line breaks."""
+    return "".join(each if each.isprintable() or each == "\n" else _code(each) for each in text)
+
+
+def _code(character: str) -> str:
+    return character.encode("unicode_escape").decode()
 
 
 def _without_middle(line: str, length: int) -> str:
