@@ -140,7 +140,13 @@ def _color(surface: Surface) -> ParameterType:
             yield model.geom_rgba, geoms(physics), shade
 
     def read(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
-        return next((rgba[ids[0], :3] / shade for rgba, ids, shade in arrays(physics) if ids.size), surface.color)
+        for rgba, ids, shade in arrays(physics):
+            if ids.size:
+                present = rgba[ids[0], :3]
+                # The model has single precision. The built colour is the surface's own, as without visuals.
+                is_built = np.array_equal(present, np.multiply(shade, surface.color).astype(present.dtype))
+                return surface.color if is_built else present / shade
+        return surface.color
 
     def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
         for rgba, ids, shade in arrays(physics):

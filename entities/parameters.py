@@ -149,16 +149,19 @@ def shared_value(field: str, *column: int, visual: bool = False) -> ParameterTyp
     )
 
 
+# dm_control sets it to 0 where a pose is written: the body's frame is no longer that of its inertia.
+_SAMEFRAME = "body_sameframe"
+
 # Translation from the built position, in the frame of the parent.
 POSITION_OFFSET = ParameterType(
     read=lambda physics, frames: physics.bind(frames[0]).pos - built_position(frames[0]),
     write=lambda physics, frames, value: setattr(physics.bind(frames[0]), "pos", built_position(frames[0]) + value),
-    model_fields=("body_pos",),
+    model_fields=("body_pos", _SAMEFRAME),
     shape=(3,),
 )
 
 # Rotation about the z axis of the parent.
-YAW = ParameterType(read=_read_yaw, write=_write_yaw, model_fields=("body_quat",))
+YAW = ParameterType(read=_read_yaw, write=_write_yaw, model_fields=("body_quat", _SAMEFRAME))
 
 JOINT_FRICTION = shared_value("dof_frictionloss")
 JOINT_DAMPING = shared_value("dof_damping")

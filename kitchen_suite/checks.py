@@ -86,8 +86,16 @@ def shown(value: object) -> str:
 def shortened(text: str, length: int = _MAX_SHOWN) -> str:
     """Returns a text in one line of printable characters, without its middle if it is longer than `length`."""
     line = _without_middle(" ".join(text.split()), length)
-    escaped = "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
-    return _without_middle(escaped, length)
+    return _without_middle(printable(line), length)
+
+
+def printable(text: str) -> str:
+    """Returns a text with the codes of what a terminal would obey or hide: control characters, but no line breaks."""
+    return "".join(each if each.isprintable() or each == "\n" else _code(each) for each in text)
+
+
+def _code(character: str) -> str:
+    return character.encode("unicode_escape").decode()
 
 
 def _without_middle(line: str, length: int) -> str:
@@ -310,11 +318,25 @@ def vector(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
 
 
 def array_of(value: object, name: str) -> NDArray:
-    """Returns `value` as an array, unless it is a list of parts that differ in length."""
+    """Returns `value` as an array of NumPy's own class, without copying one.
+
+    Raises a ValueError for a list of parts that differ in length, and for masked entries, which have no value.
+    """
     try:
-        return np.asarray(value)
+        array = np.asarray(value)
     except ValueError as error:
         raise ValueError(f"{name} must be an array, got {shown(value)}") from error
+    # What holds objects may be nested to any depth.
+    if array is not value and array.dtype != object and _is_masked(value):
+        raise ValueError(f"{name} must not have masked entries, got {shown(value)}: fill them, by its method filled")
+    return array
+
+
+def _is_masked(value: object) -> bool:
+    """Whether a value is a masked array with masked entries, or a sequence that holds one."""
+    if isinstance(value, list | tuple):
+        return any(map(_is_masked, value))
+    return isinstance(value, np.ma.MaskedArray) and bool(np.ma.is_masked(value))
 
 
 def matching(value: object, template: Any, name: str) -> Any:

@@ -6,7 +6,8 @@ Importing this module registers the Gymnasium ids and does not import dm_control
 import contextlib
 import json
 import re
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,9 @@ from kitchen_suite.domains.open_cabinet import OPEN_CABINET
 from kitchen_suite.names import ANY_ENVIRONMENT
 
 if TYPE_CHECKING:
+    from kitchen_suite.entities import Scene
     from kitchen_suite.environment import Environment
+    from kitchen_suite.tasks import SuiteTask
 
 __all__ = [
     "ALL_TASKS",
@@ -45,6 +48,9 @@ __all__ = [
 _SEVERAL = re.compile(r"\s*[,;+]\s*")
 
 _domains: dict[str, Domain] = {domain.name: domain for domain in (KITCHEN, OPEN_CABINET, MICROWAVE_TABLE, KITCHENS)}
+
+# Names of the suite's own domains.
+_OF_THE_SUITE = frozenset(_domains)
 
 DOMAINS: Mapping[str, Domain] = MappingProxyType(_domains)
 """The domains by name: the suite's own and those of `register`."""
@@ -86,13 +92,17 @@ def register(domain: Domain) -> None:
     """Adds a domain to the suite: for `load`, for the commands in this process, and as ids of Gymnasium.
 
     Plays ten steps of random actions and another reset of the default task in an environment of `load`, in a single one
-    of Gymnasium, and in the first of two vectorised ones, which must agree in all numbers. The second of the two has
-    another seed and other actions, so that what mixes the environments of a batch shows. Then the two change places.
+    of Gymnasium, and in the first of three vectorised ones, which must agree in all numbers. The others have seeds and
+    actions of their own, so that what mixes the environments of a batch shows. Then another of the three is the first.
+
+    Warns of a class that adds rewards or terminations and leaves success to a task of the suite, and of free objects in
+    a scene with fast physics, which is not made for them.
 
     Raises:
-      TypeError: it is no `Domain`.
-      ValueError: a domain of its name exists, Gymnasium has one of its ids, or the environments differ; the message
-        names the first difference. Nothing has changed then.
+      TypeError: it is no `Domain`, or a term returns neither numbers nor, where it must, bools.
+      ValueError: a domain of its name exists, Gymnasium has one of its ids, the environments differ, or a term reads
+        what is not there, writes into a step, or returns a reward that is not finite; the message names the first
+        difference or the term. Nothing has changed then.
     """
     if not isinstance(domain, Domain):
         raise TypeError(f"domain must be a Domain, got {checks.shown(domain)}")
@@ -136,9 +146,9 @@ for _domain in DOMAINS.values():
 # Control steps that a registration plays with each pair of seeds.
 _REGISTRATION_STEPS = 10
 
-# Seeds of two vectorised environments, of which the first is compared with a single one. What mixes the environments of
-# a batch may show in one of the two alone, such as in that whose joints are slower.
-_REGISTRATION_SEEDS = ((0, 1), (1, 0))
+# Seeds of vectorised environments, of which the first is compared with a single one. What mixes the environments of a
+# batch may show in some of them alone, such as in that whose joints are slower, or where there are three.
+_REGISTRATION_SEEDS = ((0, 1, 2), (1, 2, 0))
 
 
 def _check_front_ends(domain: Domain) -> None:
@@ -147,13 +157,45 @@ def _check_front_ends(domain: Domain) -> None:
     with contextlib.ExitStack() as stack:
         single = gymnasium.make(env_id, disable_env_checker=True)
         stack.callback(single.close)
-        many = gymnasium.make_vec(env_id, 2, vectorization_mode="vector_entry_point", num_threads=1)
+        count = len(_REGISTRATION_SEEDS[0])
+        many = gymnasium.make_vec(env_id, count, vectorization_mode="vector_entry_point", num_threads=1)
         stack.callback(many.close)
         _check_equal("action space", single.action_space, many.single_action_space, env_id)
         _check_equal("observation space", single.observation_space, many.single_observation_space, env_id)
         environment = domain.load(**domain.tasks[task], time_limit=None, visuals=False)
         stack.callback(environment.close)
         _check_episodes(single, many, environment)
+        _warn_of_success(environment.task)
+        _warn_of_free_objects(environment.task.scene)
+
+
+def _warn_of_success(task: "SuiteTask") -> None:
+    """Warns if a class has terms of its own, and the tasks of one of the suite's domains decide its success."""
+    from kitchen_suite.tasks import terms
+
+    added = [*terms.added(task, "extra_rewards"), *task.terminations]
+    if added and not task.successes and task.domain_name in _OF_THE_SUITE:
+        warnings.warn(
+            f"{type(task).__name__} adds {added} to rewards and terminations, and its success is still that of "
+            f"{task!r}: is_success, scores, comparisons and the checkpoints that training keeps do not depend on what "
+            "it adds. If it has another success, add functions of a step that return bools to extra_successes; see "
+            "docs/guide/custom_objects.md",
+            stacklevel=4,
+        )
+
+
+def _warn_of_free_objects(scene: "Scene") -> None:
+    """Warns of a user's free objects in a scene with `fast` physics."""
+    from dm_control import mjcf
+
+    free = [name for name, entity in scene.attached.items() if mjcf.get_frame_freejoint(entity.mjcf_model) is not None]
+    if free and scene.arena.fast_physics is not None:
+        warnings.warn(
+            f"the free objects {free} may be thrown out of the fingers with physics='fast', which is tuned to the "
+            "suite's own objects: use physics='exact', and noslip_iterations where they are held; see "
+            "docs/guide/custom_objects.md",
+            stacklevel=4,
+        )
 
 
 def _check_episodes(single: gymnasium.Env, many: Any, environment: "Environment") -> None:
@@ -161,7 +203,7 @@ def _check_episodes(single: gymnasium.Env, many: Any, environment: "Environment"
 
     Args:
       single: of Gymnasium.
-      many: two vectorised ones, of which the first is compared; the second has another seed and other actions.
+      many: vectorised ones, of which the first is compared; the others have other seeds and other actions.
       environment: of dm_env.
     """
     for seeds in _REGISTRATION_SEEDS:
@@ -175,11 +217,11 @@ def _check_episodes(single: gymnasium.Env, many: Any, environment: "Environment"
 
 
 def _check_reset(
-    single: gymnasium.Env, many: Any, environment: "Environment", seeds: tuple[int, int] | None = None
+    single: gymnasium.Env, many: Any, environment: "Environment", seeds: Sequence[int] | None = None
 ) -> None:
     """Resets the environments of `_check_episodes`, with seeds or without; raises a ValueError where they differ."""
     inner: Any = single.unwrapped
-    observation, _ = single.reset(seed=seeds and seeds[0])
+    observation, _ = single.reset(seed=seeds[0] if seeds else None)
     many_observation, _ = many.reset(seed=seeds and [*seeds])
     if seeds:
         generator = gymnasium.utils.seeding.np_random(seeds[0])[0]
@@ -205,6 +247,10 @@ def _check_actions(single: gymnasium.Env, many: Any, environment: "Environment",
     _check_equal(f"reward {after}", reward, timestep.reward, where, "dm_env's")
     _check_equal(f"discount {after}", 0.0 if terminated else 1.0, timestep.discount, where, "dm_env's")
     ours, theirs = _arrays(info, "info"), _arrays(many_info, "info")
+    for key, array in [*ours.items(), *theirs.items()]:
+        if key.startswith("info['reward/") and not np.isfinite(array).all():
+            name = key.removeprefix("info['reward/").removesuffix("']")
+            raise ValueError(f"the term {name!r} of the reward of {where} must be finite, got {array} {after}")
     for key, array in ours.items():
         # Lists of names are objects in the vectorised one, or missing.
         if key in theirs and theirs[key].dtype != object:
@@ -236,6 +282,14 @@ def _check_step(
         _check_equal(f"observation[{key!r}] {when}", array.tolist(), found.tolist(), where, "dm_env's")
 
 
+# Functions of NumPy whose last digit is another for one number than for many, or for arrays of another order, with what
+# is equal.
+_LAST_DIGITS = (
+    "where only the last digits differ, write x ** p as np.power(x, p), and compute sums, means and norms, such as "
+    "np.linalg.norm(x, axis=-1), of a copy in C order: np.sqrt(np.ascontiguousarray(x * x).sum(-1)); "
+)
+
+
 def _check_equal(what: str, found: Any, expected: Any, where: str, other: str = "the vectorised") -> None:
     # NaN is not equal to itself; all digits of numbers are in their representation.
     same_numbers = isinstance(found, float | list) and repr(found) == repr(expected)
@@ -244,7 +298,7 @@ def _check_equal(what: str, found: Any, expected: Any, where: str, other: str = 
             f"{what} of {where} is {checks.shown(found)} in the single environment and {checks.shown(expected)} in "
             f"{other} one: add observations, rewards and terminations to extra_observations, extra_rewards and "
             "extra_terminations of the task, which act in all of them, and compute each environment of a batch alone, "
-            "reducing along the last axis; see docs/guide/extending.md"
+            f"reducing along the last axis; {_LAST_DIGITS}see docs/guide/extending.md"
         )
 
 

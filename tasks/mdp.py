@@ -139,11 +139,17 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """Returns whether `(...)` the last step terminated the episode."""
 
     def task_joints(self, scene: Scene) -> Sequence[Sequence[mjcf.Element]]:
-        """Returns the joints that each of the `n` tasks moves, which can be undone; by default there are none."""
+        """Returns the joints that each of the `n` tasks moves, which a push can undo; by default there are none.
+
+        An MDP that overrides it overrides `complete` as well.
+        """
         return ()
 
     def complete(self, state: State) -> NDArray[np.bool_]:
-        """Returns which tasks `(..., n)` have been completed and still are; `n` as in `task_joints`."""
+        """Returns which tasks `(..., n)` have been completed and still are: those of `task_joints` come first.
+
+        There may be more, which are never complete, where props differ between episodes stepped together.
+        """
         return np.zeros(0, bool)
 
     def requested_joints(self, scene: Scene, state: State) -> Collection[mjcf.Element]:

@@ -16,7 +16,7 @@ from dm_control.composer.observation import observable
 from dm_env import specs
 from numpy.typing import ArrayLike
 
-from kitchen_suite import checks
+from kitchen_suite import checks, signatures
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.names import ANY_ENVIRONMENT, EnvironmentClasses
@@ -30,6 +30,7 @@ from kitchen_suite.tasks.episode.quantities import NamedQuantities
 from kitchen_suite.tasks.episode.runner import EpisodeRunner
 from kitchen_suite.tasks.episode.sensing import Sensing
 from kitchen_suite.tasks.episode.state import EpisodeState
+from kitchen_suite.tasks.episode.successes import Successes
 from kitchen_suite.tasks.episode.terminations import Terminations
 from kitchen_suite.tasks.goals import checked_instructions
 from kitchen_suite.tasks.mdp import MDP
@@ -40,8 +41,10 @@ from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
 from kitchen_suite.tasks.simulation import PhysicsSimulation
 from kitchen_suite.tasks.terms import (
+    Condition,
     Observation,
     RewardTerm,
+    Termination,
     added,
     added_functions,
     check_recordable,
@@ -91,10 +94,13 @@ class SuiteTask(composer.Task):
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       varied: the parameters that groups vary, in the order in which they are drawn.
       extra_rewards: additional terms of the reward by name, in classes of a user's own: functions of a step; see
-        `tasks.terms.Transition`. Of these three, a class adds to those of the classes that it extends, replaces one of
+        `tasks.terms.Transition`. Of these four, a class adds to those of the classes that it extends, replaces one of
         these under its name, and removes one by None. A property of a class may return them as well.
       extra_terminations: additional reasons to terminate an episode by name: functions of a step that return bools.
         Infos have them as `termination/<name>`.
+      extra_successes: conditions of a success of the class's own by name: functions of a step that return bools. Where
+        there are some, an episode succeeds at the first control step after which all of them are true, whatever the
+        tasks of the domain; it does not end by that. Infos have them as `success/<name>`.
       extra_observations: additional observations by name. They follow the domain's own in the state.
       instructions: the task in words: its sentence, then paraphrases of it; see `tasks.goals`.
       hidden_keys: keys of observations that policies do not see unless they are privileged, see `policies.registry`:
@@ -109,6 +115,8 @@ class SuiteTask(composer.Task):
       observed: the enabled observables of the task by observation key, in order.
       quantities: those of `extra_observables` that are observed beside the task's own.
       observations: the `extra_observations` of the class and of those that it extends.
+      terminations: their `extra_terminations`.
+      successes: their `extra_successes`.
       extra_observables: the observables of both by observation key.
       extra_slices: slice of each among their elements, which are the last ones of the state; from the compilation on.
       extra_size: number of their elements; from the compilation on.
@@ -131,6 +139,7 @@ class SuiteTask(composer.Task):
     # A class may have properties instead of these.
     extra_rewards: Any = MappingProxyType({})
     extra_terminations: Any = MappingProxyType({})
+    extra_successes: Any = MappingProxyType({})
     extra_observations: Any = MappingProxyType({})
     instructions: Any = ()
     hidden_keys: Collection[str] = frozenset()
@@ -183,7 +192,8 @@ class SuiteTask(composer.Task):
         """
         self.quantities = NamedQuantities(scene, extra_observables)
         self.observations = ExtraObservations(added(self, "extra_observations"), type(self).__name__)
-        terminations = self._added_terms("extra_terminations", bool)
+        self.terminations: dict[str, Termination] = self._added_terms("extra_terminations", bool)
+        self.successes: dict[str, Condition] = self._added_terms("extra_successes", bool)
         own = self.observations.observables(self._measured)
         self.extra_observables: dict[str, observable.Observable] = joined(self.quantities.by_name, own)
         self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
@@ -193,19 +203,21 @@ class SuiteTask(composer.Task):
         if extra_rewards := self._added_terms("extra_rewards", np.float64):
             self.mdp = dataclasses.replace(mdp, rewards=self._joined_rewards(mdp.rewards, extra_rewards))
         check_recordable(self.mdp.rewards, f"reward and extra_rewards of {type(self).__name__}")
-        check_recordable(terminations, f"extra_terminations of {type(self).__name__}")
+        check_recordable(self.terminations, f"extra_terminations of {type(self).__name__}")
+        check_recordable(self.successes, f"extra_successes of {type(self).__name__}")
         # In the order in which they act in a control step.
         self._offered_parts: list[EpisodePart] = [
             Sensing(self.mdp, scene.robot),
             Pushes(scene, self.mdp),
             *([self.quantities] if self.quantities.size else []),
             *([self.observations] if self.observations.by_name else []),
-            *([Terminations(terminations)] if terminations else []),
+            *([Terminations(self.terminations)] if self.terminations else []),
+            *([Successes(self.successes)] if self.successes else []),
         ]
         self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
         self.requests = Requests()
-        self.records = Records(self)
+        self.records = Records(self) if self.successes else self.make_records()
         self._reset = Reset()
         self.episode = EpisodeState()
         self.truncates = False
@@ -319,7 +331,7 @@ class SuiteTask(composer.Task):
             self.set_timesteps(control_timestep=float(timestep), physics_timestep=self.physics_timestep)
 
     def measure_quality(self) -> None:
-        """Measures the quality of all episodes; to be called once, before an environment is built; see `tasks.quality`.
+        """Measures the quality of all episodes; to be called once, before an environment is built; see `tasks.episode.quality`.
 
         It must come after `use_control_timestep`, and after all entities have been attached.
         """
@@ -401,7 +413,7 @@ class SuiteTask(composer.Task):
     @property
     def episode_metrics(self) -> Metrics:
         """Metrics of the present episode up to the last control step; see `records`."""
-        return self.records.metrics(self.mdp.info(self.state))
+        return self.records.metrics(self.runner.mdp_info(self.episode))
 
     @property
     def quality(self) -> dict[str, float]:
@@ -421,7 +433,7 @@ class SuiteTask(composer.Task):
     @property
     def episode_completions(self) -> Completions | None:
         """Tasks that the present episode asks for and has completed; None if they cannot be counted."""
-        return self.records.completions(self.mdp.info(self.state))
+        return self.records.completions(self.runner.mdp_info(self.episode))
 
     def reset_statistics(self) -> None:
         """Resets all memory of earlier episodes, so that a run does not depend on earlier ones."""
@@ -442,6 +454,17 @@ class SuiteTask(composer.Task):
         self.restore_state(state)
         self.variations.restore(values, int(state.get("layout_refusals", 0)))
         self.episode = self.runner.restored(self.episode, state)._replace(variation=self.variations.info)
+
+    def state_definition(self) -> dict[str, Any]:
+        """Returns what the task was built with, by name of the argument; states of tasks with others do not fit.
+
+        A task adds its own to those of its base. Arguments that `Domain.load` was given need not be among them, unless
+        they can be written in several ways.
+        """
+        mode = self.mdp.action_mode
+        # A user's mode need not keep its arguments.
+        settings = {name: getattr(mode, name) for name in signatures.names(type(mode)) if hasattr(mode, name)}
+        return {"control_mode": type(mode).__qualname__, **settings, **self.variations.definition}
 
     def saved_state(self) -> dict[str, Any]:
         """Returns what `get_state` returns of the MDP's state, and what else the task keeps."""
@@ -504,6 +527,10 @@ class SuiteTask(composer.Task):
     def make_policy_inputs(self, state_size: int) -> PolicyInputs:
         """Returns the observation as trained policies take it, given the number of elements of the state."""
         return PolicyInputs(names=(type(self).__name__,), state_size=state_size)
+
+    def make_records(self) -> Records:
+        """Returns what reads metrics and completions of the domain's tasks; not called with `extra_successes`."""
+        return Records(self)
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random = random_state

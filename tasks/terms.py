@@ -1,15 +1,18 @@
-"""Terms of tasks: named functions that make up observation, reward and termination."""
+"""Terms of tasks: named functions that make up observation, reward, termination and success."""
 
+import contextlib
+import copy
 import dataclasses
 import functools
 import itertools
 import math
 import operator
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+import tree
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
@@ -22,7 +25,7 @@ _MAX_PARTS = MAX_NAME_PARTS - 2
 
 
 class Transition:
-    """A control step of one episode, or of many; what terms of reward and termination are functions of.
+    """A control step of one episode, or of many; what terms of reward, termination and success are functions of.
 
     An MDP may have a class of its own, which adds quantities that several terms share.
 
@@ -44,6 +47,56 @@ class Transition:
         self.target = target
         self.after = after
 
+    @functools.cached_property
+    def read_only(self) -> Self:
+        """The same step in arrays as `read_only` returns them, for functions of a user's own."""
+        step = copy.copy(self)
+        for name, value in vars(self).items():
+            if name in ("before", "action", "target", "after", "observations", "previous_observations"):
+                setattr(step, name, read_only(value))
+        return step
+
+
+def read_only(nested: Any) -> Any:
+    """Returns nested tuples and dicts of arrays with a view of each array, or a copy, that cannot be written to.
+
+    The views are in C order, in which a sum along the last axis has the same digits in one episode and among many.
+    """
+    return tree.map_structure(_read_only_view, nested)
+
+
+def _read_only_view(value: Any) -> Any:
+    if not isinstance(value, np.ndarray):
+        return value
+    view = np.asarray(value, order="C").view()
+    view.flags.writeable = False
+    return view
+
+
+@contextlib.contextmanager
+def named_errors(name: str, observations: Collection[str] = ()) -> Iterator[None]:
+    """Names a user's function in a ValueError where it writes into what it is given, or reads what is not there.
+
+    Args:
+      name: of the function, such as `extra_rewards['lifted']`.
+      observations: names of the extra observations of a step.
+    """
+    try:
+        yield
+    except KeyError as error:
+        raise ValueError(
+            f"{name} reads {checks.shown(error.args[0] if error.args else None)}, and there is nothing of that name: "
+            f"the extra_observations of a step are {[*observations]}"
+        ) from error
+    except ValueError as error:
+        # NumPy has no error of its own for this.
+        if "read-only" not in str(error):
+            raise
+        raise ValueError(
+            f"{name} must not write into the state, the action or observations, which are read-only: {error}; "
+            "write into a copy"
+        ) from error
+
 
 RewardTerm = Callable[[Any], Array]
 """A term of a reward: a function of a `Transition` that returns `(...)`."""
@@ -51,6 +104,10 @@ RewardTerm = Callable[[Any], Array]
 
 Termination = Callable[[Any], NDArray[np.bool_]]
 """A reason to terminate an episode: a function of a `Transition` that returns bools `(...)`."""
+
+
+Condition = Callable[[Any], NDArray[np.bool_]]
+"""A condition of success: a function of a `Transition` that returns bools `(...)`."""
 
 
 def added(task: object, attribute: str) -> dict[str, Any]:
@@ -87,7 +144,7 @@ def check_recordable(names: Collection[str], what: str) -> None:
     """Raises a ValueError for names of terms under which a recording could not hold their values.
 
     Args:
-      names: of terms of the reward, or of terminations.
+      names: of terms of the reward, of terminations, or of conditions of success.
       what: has these names, for messages.
     """
     for name in names:
@@ -128,25 +185,29 @@ def in_shape(terms: Mapping[str, Callable[[Any], Any]], attribute: str, dtype: t
     Args:
       terms: functions of a `Transition`.
       attribute: where the task has them, such as `extra_rewards`, for messages.
-      dtype: of the arrays.
+      dtype: of the arrays; with bool, the terms must return bools, since a NaN would count as True.
 
-    The terms raise a TypeError for what holds no numbers, and a ValueError for another shape.
+    The terms are given steps in arrays that cannot be written to. They raise a TypeError for what holds no numbers or
+    no bools, and a ValueError for another shape, for a write into a step, and for an observation that is missing.
     """
     return {name: _in_shape(term, f"{attribute}[{name!r}]", dtype) for name, term in terms.items()}
 
 
 def _in_shape(term: Callable[[Any], Any], name: str, dtype: type) -> Callable[[Any], NDArray[Any]]:
     def value_of(step: Transition) -> NDArray[Any]:
-        shape, value = step.action.shape[:-1], term(step)
-        # NumPy's float64 is a float as well, but may be the maximum of a batch.
-        if type(value) in (bool, int, float):
-            return np.full(shape, value, dtype)
+        shape = step.action.shape[:-1]
+        with named_errors(name, step.observations):
+            value = term(step.read_only)
         array = checks.array_of(value, name)
         if array.dtype.kind not in "biuf":
             raise TypeError(f"{name} must return numbers of the shape {shape}, got {checks.shown(value)}")
-        if array.shape != shape:
+        # NumPy's float64 is a float as well, but may be the maximum of a batch.
+        is_of_all = type(value) in (bool, int, float)
+        if array.shape != shape and not is_of_all:
             raise ValueError(f"{name} must have the shape {shape}, got {array.shape}: reduce along the last axis alone")
-        return np.array(array, dtype)
+        if dtype is bool and array.dtype.kind != "b":
+            raise TypeError(f"{name} must return bools, got {checks.shown(value)}: compare it with a number")
+        return np.full(shape, value, dtype) if is_of_all else np.array(array, dtype)
 
     return value_of
 

@@ -135,6 +135,16 @@ REFUSED = {
     "strings in a vector": (lambda: checks.vector(["up"] * 2, 2, "action"), TypeError, ["action", "numbers"]),
     "bools in a vector": (lambda: checks.vector([True] * 2, 2, "action"), TypeError, ["action", "numbers"]),
     "complex numbers in a vector": (lambda: checks.vector([1j] * 2, 2, "action"), TypeError, ["action", "numbers"]),
+    "masked entries in a vector": (
+        lambda: checks.vector(np.ma.array([0.0, 1.0], mask=[False, True]), 2, "action"),
+        ValueError,
+        ["action", "masked", "filled"],
+    ),
+    "a list of arrays with masked entries": (
+        lambda: checks.array_of([np.ma.array([0.0, 1.0], mask=[False, True])] * 2, "actions"),
+        ValueError,
+        ["actions", "masked", "filled"],
+    ),
     "None for a vector": (lambda: checks.vector(None, 2, "action"), TypeError, ["action", "None"]),
 }
 

@@ -1,4 +1,4 @@
-"""A custom object: a mug on the counter, observed, rewarded, and seen by its own camera. Run: python mug.py."""
+"""A custom object: a mug on the counter, observed, lifted, and seen by its own camera. Run: python mug.py."""
 
 import gymnasium
 import numpy as np
@@ -30,18 +30,28 @@ def dropped(step):
     return step.observations["mug_position"][..., 2] < 1.4
 
 
+def raised(step):
+    """Whether the mug is 0.1 m above its place or higher: success."""
+    return step.observations["mug_position"][..., 2] > PLACE[2] + 0.1
+
+
 class MugTask(KitchenTask):
-    """The tasks of the kitchen with a mug of 0.3 kg on the counter, whose position is observed with noise."""
+    """Lift a mug of 0.3 kg from the kitchen's counter; its position is observed with noise."""
+
+    instructions = ("lift the mug",)
 
     extra_observations = {
         "mug_position": Observation(position, noise=noises.Additive(distributions.Uniform(-0.005, 0.005)))
     }
     extra_rewards = {"lifted": lifted}
     extra_terminations = {"dropped": dropped}
+    extra_successes = {"raised": raised}
 
     def __init__(self, scene, **options):
         mug = Primitive(geom_type="cylinder", size=(0.035, 0.05), mass=0.3, rgba=(0.8, 0.2, 0.2, 1), name="mug")
         scene.attach(mug, pos=PLACE, free=True)
+        # Without it, the mug would slowly slip out of the fingers.
+        scene.arena.mjcf_model.option.noslip_iterations = 3
         scene.arena.mjcf_model.worldbody.add("camera", name="mug", pos=(-0.5, -0.9, 2.3), xyaxes=(1, 0, 0, 0, 0.6, 0.8))
         super().__init__(scene, **options)
 
@@ -50,14 +60,14 @@ MUG_KITCHEN = suite.Domain(
     "mug_kitchen",
     scene=build_kitchen_scene,
     task=MugTask,
-    tasks={"kettle": {"tasks_to_complete": ["kettle"]}},
+    tasks={"lift": {}},
     env_id="Mine/MugKitchen-v1",
     episode_steps=280,
 )
 
 if __name__ == "__main__":
     suite.register(MUG_KITCHEN)
-    environment = suite.load("mug_kitchen", "kettle", {"random": 0})
+    environment = suite.load("mug_kitchen", "lift", {"random": 0})
     timestep = environment.reset()
     print("mass [kg]:", environment.physics.named.model.body_mass["mug/"])
     print("position with noise [m]:", timestep.observation["mug_position"])

@@ -44,11 +44,19 @@ def pushed(step):
     return np.abs(step.observations["lever_angle"][..., 0])
 
 
+def over(step):
+    """Whether the lever is 1 rad or more out of the vertical: success."""
+    return pushed(step) >= 1.0
+
+
 class LeverTask(KitchenTask):
-    """The tasks of the kitchen with a lever on the counter."""
+    """Push over a lever on the kitchen's counter."""
+
+    instructions = ("push the lever over",)
 
     extra_observations = {"lever_angle": Observation(angle), "lever_velocity": Observation(velocity)}
     extra_rewards = {"pushed": pushed}
+    extra_successes = {"over": over}
 
     def __init__(self, scene, **options):
         scene.attach(Lever(), pos=PLACE)
@@ -63,14 +71,14 @@ LEVER_KITCHEN = suite.Domain(
     "lever_kitchen",
     scene=build_kitchen_scene,
     task=LeverTask,
-    tasks={"kettle": {"tasks_to_complete": ["kettle"]}},
+    tasks={"push": {}},
     env_id="Mine/LeverKitchen-v1",
     episode_steps=280,
 )
 
 if __name__ == "__main__":
     suite.register(LEVER_KITCHEN)
-    environment = suite.load("lever_kitchen", "kettle", {"random": 0})
+    environment = suite.load("lever_kitchen", "push", {"random": 0})
     print("angle [rad]:", environment.reset().observation["lever_angle"])
     print("dm_control:", environment.step(np.zeros(9)).reward)
     env = gymnasium.make("Mine/LeverKitchen-v1")

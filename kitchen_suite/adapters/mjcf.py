@@ -15,8 +15,8 @@ import numpy as np
 from dm_env import specs
 
 from kitchen_suite import files
-from kitchen_suite.adapters.mjcf_values import Difference, greatest_difference, write_values
 from kitchen_suite.environment import Environment
+from kitchen_suite.environment.mjcf_values import Difference, greatest_difference, write_values
 from kitchen_suite.environment.states import INTEGRATION_STATE
 from kitchen_suite.episodes.spec import EnvironmentSpec, reset_to_seed
 from kitchen_suite.gymnasium_env.base import suite_env

@@ -141,7 +141,9 @@ def fail(name: str, problem: object, status: int) -> int:
 def run_process(name: str, main: Callable[[], int]) -> int:
     """Runs `main` as the process of a command, which SIGTERM interrupts as Ctrl-C does; both return the exit status."""
     # Python's warnings take one line, without the line of code that they are about.
-    warnings.formatwarning = lambda message, category, *_, **__: f"{category.__name__}: {message}\n"
+    warnings.formatwarning = lambda message, category, *_, **__: (
+        f"{category.__name__}: {checks.printable(str(message))}\n"
+    )
     # Python has none where the process was started with closed streams.
     sys.stdout = sys.stdout or io.StringIO()
     sys.stderr = sys.stderr or io.StringIO()

@@ -45,9 +45,10 @@ def run(given: FlagValues, source: str) -> None:
     flags.import_custom(given)
     if given.dataset is not None:
         from kitchen_suite.datasets.convert import convert
+        from kitchen_suite.episodes.report import print_line
 
         path = convert(source, given.format or _DEFAULT_FORMAT, given.dataset, given.data_path)
-        print(f"dataset {given.dataset} of {source} in {path}")
+        print_line(f"dataset {given.dataset} of {source} in {path}")
     elif given.format is not None:
         raise ValueError(f"a recording has no format: leave out {given.format!r}")
     else:
@@ -59,15 +60,17 @@ def _import_human(source: str, output: Path, data_path: Path | None) -> None:
     from tabulate import tabulate
 
     from kitchen_suite.datasets.human import import_human
+    from kitchen_suite.episodes.report import print_line
 
     data = import_human(source, output, data_path)
-    print(f"{data.episodes} episodes of {source} ({data.format}), {data.steps} control steps")
-    print(f"goals of the data: {', '.join(sorted(data.goals)) or 'none of the suite'}\n")
-    print(tabulate(data.completions.items(), ("task", "episodes that complete it"), tablefmt="simple"), "\n")
-    print(tabulate(sorted(data.counts.items()), ("tasks completed", "episodes"), tablefmt="simple"), "\n")
+    print_line(f"{data.episodes} episodes of {source} ({data.format}), {data.steps} control steps")
+    print_line(f"goals of the data: {', '.join(sorted(data.goals)) or 'none of the suite'}\n")
+    completions = tabulate(data.completions.items(), ("task", "episodes that complete it"), tablefmt="simple")
+    counts = tabulate(sorted(data.counts.items()), ("tasks completed", "episodes"), tablefmt="simple")
+    print_line(f"{completions}\n\n{counts}\n")
     if not data.has_velocities:
-        print("velocities were not recorded: policies that are trained on these episodes act on positions alone")
-    print(f"recording in {output}")
+        print_line("velocities were not recorded: policies that are trained on these episodes act on positions alone")
+    print_line(f"recording in {output}")
 
 
 COMMAND = Command(

@@ -31,15 +31,16 @@ def define(values: FlagValues) -> None:
 def run(given: FlagValues) -> None:
     """Writes the scene; prints the folder, and the difference of the XML."""
     from kitchen_suite.adapters.mjcf import BINARY_FILE, XML_FILE, export
+    from kitchen_suite.episodes.report import print_line
     from kitchen_suite.episodes.spec import EnvironmentSpec
 
     spec = EnvironmentSpec.make(given.domain_name, given.task_name, flags.environment_kwargs(given))
     flags.prepare_images(spec)
     differences = export(given.output, spec, seed=given.seed, variation_values=given.variation_values)
-    print(f"{spec.domain_name} {spec.task_name}, seed {given.seed}, in {given.output}")
-    print(f"{BINARY_FILE}: the environment's model, to the bit")
+    print_line(f"{spec.domain_name} {spec.task_name}, seed {given.seed}, in {given.output}")
+    print_line(f"{BINARY_FILE}: the environment's model, to the bit")
     for name, difference in differences.items():
-        print(f"{XML_FILE}: {name.removeprefix('xml_').replace('_', ' ')}: {difference}")
+        print_line(f"{XML_FILE}: {name.removeprefix('xml_').replace('_', ' ')}: {difference}")
 
 
 COMMAND = Command(name="kitchen-export", description=DESCRIPTION, define=define, run=run)

@@ -43,7 +43,7 @@ def define(values: FlagValues) -> None:
 def run(given: FlagValues) -> None:
     """Records the episodes; prints a summary, also of those that were finished before an error."""
     from kitchen_suite.episodes.record import claim, complete
-    from kitchen_suite.episodes.report import Report
+    from kitchen_suite.episodes.report import Report, print_line
     from kitchen_suite.episodes.spec import EnvironmentSpec
     from kitchen_suite.policies import PolicyRef
 
@@ -56,8 +56,10 @@ def run(given: FlagValues) -> None:
     policy = PolicyRef.of(chosen["policy"])
     recording = claim(given.output, spec, policy, num_episodes=count, seed=given.seed)
     found = count - len(recording.missing(count))
-    print(f"{spec.domain_name} {spec.task_name}, policy {policy.text}, {spec.circumstances}, seeds from {given.seed}")
-    print(f"{count} episodes in {given.output}, {found} of them there already", flush=True)
+    print_line(
+        f"{spec.domain_name} {spec.task_name}, policy {policy.text}, {spec.circumstances}, seeds from {given.seed}"
+    )
+    print_line(f"{count} episodes in {given.output}, {found} of them there already")
     try:
         complete(
             recording,
@@ -71,8 +73,8 @@ def run(given: FlagValues) -> None:
         report = Report(last_seed=given.seed + count - 1)
         for index in recording.present(count):
             report.add(recording.load_summary(index))
-        print(f"\n{report.summary()}")
-    print(f"digest of all arrays  {recording.digest(range(count))}")
+        print_line(f"\n{report.summary()}")
+    print_line(f"digest of all arrays  {recording.digest(range(count))}")
 
 
 def with_preset(given: FlagValues) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import files, suite
 from kitchen_suite.datasets import columns, hdf5
+from kitchen_suite.datasets.models import model_writer
 from kitchen_suite.episodes.episode import Episode
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
@@ -21,26 +22,36 @@ def write(path: Path, spec: EpisodeSpec, episodes: Iterable[Episode]) -> None:
 
     A group has `actions`, `rewards`, `dones` (1 in the last step), `terminations`, `truncations`, `obs/KEY` and
     `next_obs/KEY`, keys of the observation with underscores for slashes, and `states`: time, qpos, qvel before a step.
+    Its attribute `model_file` is MJCF without files of the model that the states are of, without visual geoms.
+    `env_args` of `data` has the arguments with which `gymnasium.make` makes the environment of the recording.
 
     Raises a ValueError for episodes without physics states, a FileExistsError if the file exists already, and an
     ImportError without h5py.
     """
     total, count = 0, 0
-    with hdf5.new_file(path) as file, contextlib.closing(spec.make_environment()) as environment:
+    with (
+        hdf5.new_file(path) as file,
+        contextlib.closing(spec.make_environment()) as environment,
+        model_writer(spec) as model_of,
+    ):
         inner, data = suite_env(environment), file.create_group("data")
-        model = inner.composer_task.root_entity.mjcf_model.to_xml_string()
         for number, episode in enumerate(episodes):
             hdf5.append(data, {f"demo_{number}/{name}": rows for name, rows in columns_of(episode, inner).items()})
             group = data[f"demo_{number}"]
             group.attrs["num_samples"] = episode.steps
             group.attrs["seed"] = episode.seed
-            group.attrs["model_file"] = model
+            group.attrs["model_file"] = model_of(episode)
             total += episode.steps
             count += 1
         data.attrs["total"] = total
         own = suite.task_arguments(spec.domain_name, spec.task_name)
-        arguments = {"env_name": suite.find_domain(spec.domain_name).env_id, "type": _GYM_TYPE}
-        data.attrs["env_args"] = files.json_text({**arguments, "env_kwargs": {**own, **spec.task_kwargs}})
+        arguments = {
+            # Gymnasium imports the module before the colon, which registers the environment.
+            "env_name": f"kitchen_suite:{suite.find_domain(spec.domain_name).env_id}",
+            "type": _GYM_TYPE,
+            "env_kwargs": {**own, **spec.task_kwargs, "max_episode_steps": spec.max_episode_steps},
+        }
+        data.attrs["env_args"] = files.json_text(arguments)
         first = count // columns.VALIDATION
         for name, numbers in {"train": range(first, count), "valid": range(first)}.items():
             if numbers:

@@ -21,6 +21,12 @@ if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
     from kitchen_suite.tasks import SuiteTask
 
+# Arguments of tasks that only observations depend on: states of environments with others of these fit as well.
+_OF_OBSERVATIONS = {"cameras", "depth", "extra_observables", "image_size", "segmentation"}
+
+# Arguments that count as omitted where they are None, as in Gymnasium's environments.
+_OMITTED = {"cameras", "control_mode", "depth", "segmentation"}
+
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _ENV_ID = re.compile(r"[\w.-]+/[\w.-]+-v\d+")
 _ENTRY_POINT = re.compile(r"\w+(\.\w+)*:\w+")
@@ -171,7 +177,7 @@ class Domain:
         time_limit: float | Literal["default"] | None = "default",
         random: int | np.random.RandomState | None = None,
         episode_seeds: bool | int = False,
-        visuals: bool = True,
+        visuals: bool | None = True,
         render_quality: str | None = "high",
         physics: str | None = None,
         control_timestep: float | None = None,
@@ -189,6 +195,7 @@ class Domain:
           random: seed, or random state to draw from.
           episode_seeds: whether each episode has a seed of its own, from `random` on; see `Environment`.
           visuals: False omits geoms and textures that only rendering needs; trajectories are the same to the bit.
+            None is True.
           render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
             faces; see `rendering.quality.set_render_quality`. None is `fast`, without a warning where the packages for
             light meshes are missing.
@@ -199,7 +206,8 @@ class Domain:
           quality: whether the task measures how well episodes are done, as its `quality`; see docs/guide/quality.md.
           environment_kwargs: additional arguments of `kitchen_suite.environment.Environment`, such as
             `flat_observation`.
-          **arguments: of the functions `scene` and `task`; docs/guide/arguments.md lists those of each domain.
+          **arguments: of the functions `scene` and `task`; docs/guide/arguments.md lists those of each domain. None
+            stands for the default of `control_mode`, `cameras`, `depth` and `segmentation`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
@@ -210,7 +218,9 @@ class Domain:
         known = self.arguments()
         checks.keywords(arguments, known, what="argument", elsewhere=OF_GYMNASIUM)
         arguments = self.with_contents(arguments)
-        if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
+        arguments = {name: value for name, value in arguments.items() if value is not None or name not in _OMITTED}
+        visuals = True if visuals is None else checks.boolean(visuals, "visuals")
+        if not visuals and arguments.get("cameras"):
             raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
         physics = self.physics if physics is None else physics
         if physics != EXACT and "sleep" in arguments:
@@ -252,6 +262,16 @@ class Domain:
             **given,
         }
         environment = Environment(task, time_limit=limit, random_state=random, **settings)
+        built = {name: arguments.get(name, argument.default) for name, argument in known.items()}
+        environment.keep_arguments(
+            scene={name: built[name] for name in sorted(of_scene - {"visuals"})},
+            # Those of the control mode are known to the task, with their defaults.
+            task={
+                name: value
+                for name, value in built.items()
+                if known[name].owner == "task" and name not in _OF_OBSERVATIONS
+            },
+        )
         own_arguments = {
             "time_limit": time_limit,
             "visuals": visuals,

@@ -14,9 +14,11 @@ from dm_control import composer
 from dm_control.composer.observation import observable
 from dm_control.rl import control
 from dm_env import specs
+from gymnasium.error import ClosedEnvironmentError
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
+from kitchen_suite.environment.digests import DIGESTS, SCENE, TASK, check_same, digest, digests, scene_digest
 from kitchen_suite.environment.edits import MjcfSnapshot
 from kitchen_suite.environment.named import Names
 from kitchen_suite.environment.physics import Physics
@@ -90,6 +92,8 @@ class Environment(composer.Environment):
     """
 
     origin: Origin | None = None
+    _scene_digest: str | None = None
+    _own_digests: dict[str, str]
     _mjcf_never_compiled: bool
     _random_state: np.random.RandomState
 
@@ -142,6 +146,8 @@ class Environment(composer.Environment):
         self._flat_observation = checks.boolean(flat_observation, "flat_observation")
         self._plan_substeps()
         self._extra_hooks: list[str] = []
+        self._given_digests: dict[str, str] = {}
+        self._scene_arguments: frozenset[str] = frozenset()
         self._built_observables = _settings_of(task.observables)
         self.changed_timestep: dict[str, float] = {}
         if task.control_timestep != task.default_control_timestep:
@@ -158,7 +164,8 @@ class Environment(composer.Environment):
                 f"an environment whose observables were edited cannot be copied: pass extra_observables, or {_BY_STATE}"
             )
         state = {
-            "state": self.get_state(),
+            # Without digests: that of the model below tells of edits as well.
+            "state": {name: part for name, part in self.get_state().items() if name != DIGESTS},
             "visualize_reward": self._task.visualize_reward,
             # composer starts each episode from it with `fixed_initial_state`.
             "fixed_random_state": self._fixed_random_state,
@@ -194,6 +201,7 @@ class Environment(composer.Environment):
     @property
     def physics(self) -> Physics:
         """The compiled scene, through a weak reference, as composer has it."""
+        self._check_open()
         physics: Physics = self._physics_proxy
         return physics
 
@@ -221,7 +229,19 @@ class Environment(composer.Environment):
         """Control steps in an episode; infinite without a time limit."""
         return self._step_limit
 
+    def close(self) -> None:
+        """Frees the physics; steps and resets then raise a `gymnasium.error.ClosedEnvironmentError`."""
+        if self._physics is not None:
+            super().close()
+            # A step then begins with a reset, which raises.
+            self._reset_next_step = True
+
+    def _check_open(self) -> None:
+        if self._physics is None:
+            raise ClosedEnvironmentError("the environment is closed: build another one")
+
     def reset(self) -> dm_env.TimeStep:
+        self._check_open()
         if self._seeds:
             self._start_stream()
         self._reset_next_step = True
@@ -279,6 +299,7 @@ class Environment(composer.Environment):
 
     def start_episode(self) -> None:
         """Starts an episode as `reset` does once the model is compiled, but does not update the observation."""
+        self._check_open()
         with self._physics.reset_context():
             self._hooks.initialize_episode(self._physics_proxy, self._random_state)
         self._task.read_evaluated()
@@ -288,8 +309,26 @@ class Environment(composer.Environment):
         """Makes the next `step` continue an episode that has ended."""
         self._reset_next_step = False
 
+    def keep_arguments(self, *, scene: Mapping[str, Any], task: Mapping[str, Any]) -> None:
+        """Keeps digests of the arguments that scene and task were built with, by which states are told apart."""
+        self._given_digests = digests({**task, **scene})
+        self._scene_arguments = frozenset(scene)
+
+    def _digests(self) -> dict[str, str]:
+        """Returns the digests of the scene as it is now compiled, of the task's class, and of their arguments."""
+        if self._scene_digest is None:
+            self._scene_digest = scene_digest(self._task.root_entity.mjcf_model)
+            built = {"n_sub_steps": self._physics_steps, "legacy_step": self._legacy_step}
+            own = digests({**built, **self._task.state_definition()})
+            self._own_digests = {TASK: digest(type(self._task)), **self._given_digests, **own}
+        return {SCENE: self._scene_digest, **self._own_digests}
+
     def get_state(self) -> dict[str, Any]:
-        """Returns the state on which later steps depend: the same whether or not the scene has visuals."""
+        """Returns the state on which later steps depend: the same whether or not the scene has visuals.
+
+        Its `digests` say of which environment it is.
+        """
+        self._check_open()
         scene, physics = self._task.scene, np.empty(self._is_shared.size)
         mujoco.mj_getState(self._physics.model.ptr, self._physics.data.ptr, physics, INTEGRATION_STATE)
         return {
@@ -302,19 +341,22 @@ class Environment(composer.Environment):
             **({ASLEEP: self._physics.data.ptr.tree_asleep.copy()} if scene.sleeps else {}),
             **self.changed_timestep,
             **self._seeds.saved(),
+            DIGESTS: self._digests(),
         }
 
     def set_state(self, state: Mapping[str, Any]) -> Mapping[str, np.ndarray]:
         """Sets a state returned by `get_state` of this environment, or of another one of the same task.
 
-        One of the two may have visuals and the other none. Buffers of delayed or buffered observables are reset.
+        One of the two may have visuals and the other none. Buffers of delayed or buffered observables are reset. A
+        state without digests, as those of version 1.0, is checked by its shapes alone.
 
         Returns:
           The observation.
 
         Raises:
           TypeError: a part of the state has the wrong type.
-          ValueError: a part of the state is missing, has the wrong shape or is out of range; nothing has changed then.
+          ValueError: the state is of an environment with another scene or other arguments; or a part of it is missing,
+            has the wrong shape or is out of range; nothing has changed then.
         """
         if not isinstance(state, Mapping):
             raise TypeError(f"state must be a dict returned by get_state, got {checks.shown(state)}")
@@ -328,9 +370,11 @@ class Environment(composer.Environment):
         if timestep != task.control_timestep:
             here = f"but those of the environment take {task.control_timestep:g} s"
             raise ValueError(f"control steps of the state take {timestep:g} s, {here}")
+        if DIGESTS in state:
+            check_same(state[DIGESTS], self._digests(), self._scene_arguments)
         next_seed = self._seeds.checked(state)
         # A seed may be larger than any of NumPy's integers.
-        checked = {"random": {}, **dict.fromkeys(self._seeds.saved(), 0)}
+        checked = {"random": {}, DIGESTS: {}, **dict.fromkeys(self._seeds.saved(), 0)}
         state = checks.matching({**state, **checked}, {**self.get_state(), **checked}, "state")
         step_count = checks.integer(state["step_count"].item(), "state['step_count']", minimum=0)
         if ASLEEP in state:
@@ -405,6 +449,7 @@ class Environment(composer.Environment):
     def _recompile_physics(self) -> None:
         if physics := getattr(self, "_physics", None):
             physics.free()
+        self._scene_digest = None
         root = self._task.root_entity.mjcf_model
         self._physics = Physics.from_mjcf_model(root)
         if self._further_names is not None:

@@ -1,16 +1,17 @@
 """The physics of the suite's environments: images from scenes that are kept, and further names of elements."""
 
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
 
 import mujoco
 import numpy as np
 from dm_control import mjcf
-from dm_control.mujoco import Camera, engine
-from dm_control.mujoco.wrapper import MjData
+from dm_control.mujoco import engine
+from dm_control.mujoco.wrapper import MjData, MjvOption
 from numpy.typing import NDArray
 
 from kitchen_suite.environment.named import NamedData, NamedModel, Names
 from kitchen_suite.rendering import contexts
+from kitchen_suite.rendering.measuring import Camera
 
 
 class Physics(mjcf.Physics):
@@ -34,21 +35,43 @@ class Physics(mjcf.Physics):
                 self._warnings[:] = now
 
     def render(
-        self, height: int = 240, width: int = 320, camera_id: int | str = -1, *arguments: Any, **options: Any
+        self,
+        height: int = 240,
+        width: int = 320,
+        camera_id: int | str = -1,
+        overlays: Sequence[engine.TextOverlay] = (),
+        depth: bool = False,
+        segmentation: bool = False,
+        scene_option: MjvOption | None = None,
+        render_flag_overrides: Mapping[str | mujoco.mjtRndFlag, bool] | None = None,
+        scene_callback: Callable[[engine.Physics, mujoco.MjvScene], None] | None = None,
     ) -> NDArray:
         """Returns an image as `mjcf.Physics.render` does; a RuntimeError, if there can be none, names the remedy.
+
+        Depth [m] is the distance along the camera's axis of view at the centre of each pixel, without multisampling in
+        any quality. Geoms that are not opaque are looked through; where nothing is seen, it is that of the far clipping
+        plane.
 
         dm_control allocates a scene for each image, which takes up to a third of the time of a fast one. Here the
         scenes of the model's cameras are kept until the GL context is freed.
         """
-        if camera_id == -1 or options.get("scene_callback"):
-            return super().render(height, width, camera_id, *arguments, **options)
-        options.pop("scene_callback", None)
+        options = {
+            "overlays": overlays,
+            "depth": depth,
+            "segmentation": segmentation,
+            "scene_option": scene_option,
+            "render_flag_overrides": render_flag_overrides,
+        }
+        if camera_id == -1 or scene_callback:
+            camera = Camera(self, height, width, camera_id, scene_callback=scene_callback)
+            image = camera.render(**options)
+            camera.scene.free()
+            return image
         key = (height, width, camera_id)
         if key not in self._cameras:
             self._cameras[key] = Camera(self, height, width, camera_id)
         # A copy, since a camera draws all its images into the same array.
-        return np.array(self._cameras[key].render(*arguments, **options))
+        return np.array(self._cameras[key].render(**options))
 
     def use_names(self, names: Names) -> None:
         """Makes joints, actuators, bodies and sites of model and data be found by further names as well."""

@@ -53,6 +53,9 @@ def checked_random(stored: object, random_state: np.random.RandomState) -> dict[
     if stored.get("bit_generator") != generator:
         other = checks.shown(stored.get("bit_generator"))
         raise ValueError(f"state['random'] must be of a {generator}, got one of {other}")
+    numbers = stored.get("state")
+    for name, value in numbers.items() if isinstance(numbers, Mapping) else ():
+        checks.array_of(value, f"state['random']['state'][{name!r}]")
     try:
         np.random.RandomState(getattr(np.random, generator)()).set_state(dict(stored))
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:

@@ -52,7 +52,7 @@ def act_within(policy: Policy, given: Any, space: gymnasium.Space) -> NDArray:
       space: of the actions.
     """
     assert isinstance(space, gymnasium.spaces.Box)
-    return np.asarray(policy(given)).clip(space.low, space.high)
+    return checks.array_of(policy(given), "action").clip(space.low, space.high)
 
 
 class SingleRollout:
@@ -406,7 +406,7 @@ class _BatchPolicy:
             problem = f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})"
             raise PolicyError(f"policy {self._text} raised {problem}") from error
         try:
-            actions = np.asarray(given)
+            actions = checks.array_of(given, "actions")
         except Exception as error:  # Of `__array__` as well, such as that of a tensor that requires a gradient.
             raise PolicyError(f"policy {self._text} returned bad actions: {error}") from error
         if actions.shape != self._space.shape or actions.dtype.kind not in "fiu":

@@ -1,5 +1,6 @@
 """Text of the commands: tables, statistics of episodes row by row and in sum, a progress bar."""
 
+import re
 import statistics
 import sys
 import textwrap
@@ -16,6 +17,9 @@ WIDTH = 100
 
 # Formats of tables, with tabulate's names of them; LaTeX needs the package booktabs.
 TABLE_FORMATS: Mapping[str, str] = {"text": "simple", "markdown": "pipe", "latex": "latex_booktabs"}
+
+# Characters with a meaning in Markdown that names and numbers of reports do without; `_` has none within a word.
+_MARKDOWN = re.compile(r"[\\|<>&`*]|(?<=\])\(")
 
 _GAP = "  "
 _UNBROKEN = "\N{NO-BREAK SPACE}"
@@ -89,12 +93,21 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], table_format: st
     """Returns a table in one of `TABLE_FORMATS`; the first column is left-aligned, the others right-aligned."""
     alignment = ["left", *["right"] * (len(header) - 1)]
     style = TABLE_FORMATS[checks.choice(table_format, TABLE_FORMATS, "table_format")]
+    if table_format == "markdown":
+        header, *rows = ([in_markdown(cell) for cell in row] for row in (header, *rows))
     return tabulate(rows, header, tablefmt=style, colalign=alignment, disable_numparse=True)
 
 
 def paragraph(text: str, table_format: str = "text") -> str:
     """Returns a text that stands between tables of one of `TABLE_FORMATS`; in LaTeX it is a comment."""
-    return textwrap.indent(text, "% ") if table_format == "latex" else text
+    if table_format == "latex":
+        return textwrap.indent(checks.printable(text), "% ")
+    return in_markdown(text) if table_format == "markdown" else text
+
+
+def in_markdown(text: str) -> str:
+    """Returns a text that Markdown shows as it is: without HTML, links, further cells of a table, or emphasis."""
+    return _MARKDOWN.sub(lambda found: f"&#{ord(found[0])};", text)
 
 
 def counted(count: int) -> str:
@@ -103,8 +116,11 @@ def counted(count: int) -> str:
 
 
 def print_line(text: str) -> None:
-    """Prints above a progress bar and flushes: an episode may take long, and the reader may be a pipe."""
-    tqdm.write(text)
+    """Prints above a progress bar and flushes: an episode may take long, and the reader may be a pipe.
+
+    Names of files, policies and tasks may be those of strangers: control characters are printed by their codes.
+    """
+    tqdm.write(checks.printable(text))
     sys.stdout.flush()
 
 

@@ -20,7 +20,7 @@ from kitchen_suite.evaluation.evaluate import as_json, play_condition
 from kitchen_suite.evaluation.plan import EvaluationPlan, resets_of
 from kitchen_suite.evaluation.receipts import ActionReplay, Receipt, Trace
 from kitchen_suite.evaluation.scores import EpisodeResult
-from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
+from kitchen_suite.gymnasium_env.observations import OF_PICTURES
 from kitchen_suite.versions import MACHINE, machine
 
 _VERDICTS = {
@@ -29,11 +29,8 @@ _VERDICTS = {
     Verdict.ALTERED: "the scores are not those of the replay: the receipt was altered, or this is another machine",
 }
 
-# Arguments of environments on which pictures and layouts of observations depend, and none of the numbers compared.
-_OF_PICTURES = {*PICTURE_OPTIONS, "obs_type", "render_quality"}
-
 # All on which nothing of an episode but its observations depends.
-_OF_OBSERVATIONS = {*_OF_PICTURES, "extra_observables", "goal_format"}
+_OF_OBSERVATIONS = {*OF_PICTURES, "extra_observables", "goal_format"}
 
 _MAX_LINES = 10  # Episodes that differ of which the report has a line.
 
@@ -165,7 +162,7 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
 
 
 def _without_pictures(spec: EpisodeSpec) -> EpisodeSpec:
-    return _without(spec, _OF_PICTURES)
+    return _without(spec, OF_PICTURES)
 
 
 def without_observations(spec: EpisodeSpec) -> EpisodeSpec:
@@ -252,7 +249,7 @@ def _circumstances(receipt: Receipt, plan: EvaluationPlan) -> list[str]:
     """Returns lines on versions and machine, and on what is not verified."""
     lines = [f"versions: {', '.join(f'{name} {each}' for name, each in receipt.evaluation['versions'].items())}"]
     given = {name for condition in receipt.evaluation["conditions"].values() for name in condition["task_kwargs"]}
-    if unseen := sorted(given & _OF_PICTURES):
+    if unseen := sorted(given & OF_PICTURES):
         lines.append(f"not verified, since none of the numbers depend on it: {', '.join(unseen)}")
     here = {**plan.first.current_versions, "processor": machine()}
     there: Mapping[str, Any] = {**receipt.evaluation["versions"], "processor": receipt.machine}

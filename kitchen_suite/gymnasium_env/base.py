@@ -151,7 +151,8 @@ class SuiteEnv(gymnasium.Env):
           **arguments: of the domain's scene and task, among them `control_mode` with its arguments, `cameras`,
             `extra_observables` and `variations`; docs/guide/arguments.md lists those of each domain.
         """
-        record = suite.find_domain(domain or self.default_domain)
+        record = suite.find_domain(self.default_domain if domain is None else domain)
+        self._check_domain(record)
         arguments = self._keep_contents(record, arguments)
         self._seeds = EpisodeSeeds(episode_seeds)
         physics = record.physics if physics is None else physics
@@ -159,9 +160,6 @@ class SuiteEnv(gymnasium.Env):
         obs_type = self.find_obs_type(obs_type)
         with_pictures = observations.has_pictures(obs_type)
         options = observations.picture_options(arguments, obs_type, self.obs_types, self.default_cameras)
-        if options.get("control_mode") is None:
-            # None stands for the domain's own control mode.
-            options.pop("control_mode", None)
         self._renderer = rendering.Renderer(
             width=width,
             height=height,
@@ -213,6 +211,17 @@ class SuiteEnv(gymnasium.Env):
         self.composer_task.hidden_keys = self.observations.hidden
         self._bound_random: np.random.Generator | None = None
         self._episode_step = 0
+
+    def _check_domain(self, domain: Domain) -> None:
+        """Raises a ValueError if environments of a domain are of another class, whose arguments are others."""
+        if self.default_domain in ("", domain.name):
+            return
+        other = domain.env_class
+        if not (isinstance(self, other) or issubclass(other, type(self))):
+            raise ValueError(
+                f"domain {domain.name!r} has environments of another class, {other.__name__} in place of "
+                f"{type(self).__name__}: leave out domain, and make {domain.env_id!r}"
+            )
 
     def _keep_contents(self, domain: Domain, arguments: Mapping[str, Any]) -> dict[str, Any]:
         """Returns arguments without names of files, from which copies are built then as well."""
@@ -334,8 +343,8 @@ class SuiteEnv(gymnasium.Env):
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the info of the last step or reset, in fresh lists and arrays, without that of the variation."""
-        info = self.composer_task.mdp.info(self.composer_task.state)
-        return {**info, "episode_step": self._number(self._episode_step)}
+        task = self.composer_task
+        return {**task.runner.mdp_info(task.episode), "episode_step": self._number(self._episode_step)}
 
     def _number(self, value: float) -> Any:
         """Returns a number as infos have it."""
@@ -464,6 +473,7 @@ class SuiteEnv(gymnasium.Env):
         return self._renderer.render(self.environment, self.render_mode)
 
     def close(self) -> None:
+        """Frees windows and GL contexts; as with the original, steps and resets go on, and a picture makes another."""
         self._renderer.close()
         if self.observations.has_pictures:
             self.environment.physics.free_context()

@@ -149,7 +149,7 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
 
     def _get_info(self) -> dict[str, Any]:
         task = self.composer_task
-        info = task.mdp.info(task.state)
+        info = task.runner.mdp_info(task.episode)
         return {
             **(self._names() if self.info_format == "lists" else {}),
             **info,

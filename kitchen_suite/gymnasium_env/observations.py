@@ -32,6 +32,9 @@ OBS_TYPES: Mapping[str, tuple[str, ...]] = {
 # Arguments of tasks that choose what cameras observe.
 PICTURE_OPTIONS = ("cameras", "image_size", "depth", "segmentation")
 
+# Arguments of environments on which nothing but pictures and the layout of observations depends.
+OF_PICTURES = frozenset({*PICTURE_OPTIONS, "obs_type", "render_quality"})
+
 
 class Present(NamedTuple):
     """The present step of one environment, or of many, from which observations are read.

@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.closing import closed_on_error
-from kitchen_suite.environment.edits import ModelSnapshot
 from kitchen_suite.environment.seeds import EpisodeSeeds
 from kitchen_suite.gymnasium_env.base import INSTRUCTION, RESET_MASK, STATE, SuiteEnv
 from kitchen_suite.gymnasium_env.observations import Present
@@ -67,8 +66,8 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
     is a batch for each of these. Everything else is computed by the task's MDP, on arrays with a leading axis.
 
     Infos are arrays with a leading axis, and a mask `_key` for each `key`, as Gymnasium's are. If a simulation
-    diverges, its episode ends with reward 0 and the next one starts in the same step; the infos then have a mask
-    `physics_error`.
+    diverges, its episode terminates with reward 0: the step counts for nothing, so that the last observation and infos
+    are those of the step before. The infos then have a mask `physics_error`.
 
     Attributes:
       autoreset_mode: when an environment whose episode has ended starts the next one; also in `metadata`.
@@ -122,12 +121,9 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
 
     def _build(self, threads: int, seeds: EpisodeSeeds) -> None:
         """Builds the environments of the single ones; for the arguments see `BatchEpisodes`."""
-        written: set[str] = set()
         for template in dict.fromkeys(self._templates):
             check_entities(template)
-            before = ModelSnapshot(template.environment.physics.model.ptr)
             template.reset()
-            written |= {*before.changed()} - {*template.composer_task.variations.randomizer.visual_fields}
         self._template_env = self._templates[0]
         self._task = self._template_env.composer_task
         self._mdp, self._observations = self._task.mdp, self._template_env.observations
@@ -139,7 +135,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         environments = [self.template_of(i).environment for i in range(self.num_envs)]
         self._tasks = [environment.task for environment in environments]
-        self._episodes = BatchEpisodes(environments, threads, seeds, written=sorted(written))
+        self._episodes = BatchEpisodes(environments, threads, seeds)
         self._pictures = BatchPictures(environments, self._episodes)
         self._ended = np.zeros(self.num_envs, bool)
         self._everyone, self._no_one = np.full(self.num_envs, True), np.full(self.num_envs, False)
@@ -345,7 +341,6 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
             self._episodes.follow(resets)
             self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})
             self._episodes.start(mask)
-            self._episodes.check_written_fields()
             self._ended = self._ended & ~mask
             return self._get_obs(), {**self._masked_infos(mask), **self._infos_of_reset(chosen, mask)}
 
@@ -414,18 +409,18 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
             stepping = ~(restarting | waiting)
             rewards, terminations, diverged = self._episodes.step(applied, stepping)
             truncates = self._mdp.truncates(self._episodes.state.mdp_state)
-            truncations = ((self._episodes.steps >= self._step_limit) | truncates) & stepping
+            truncations = ((self._episodes.steps >= self._step_limit) | truncates) & stepping & ~diverged
             # The episode of an environment that is left out ends.
             self._ended = terminations | truncations | waiting
-            self._episodes.start(restarting | diverged)
+            self._episodes.start(restarting)
             infos = vector_checks.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}
-            infos |= self._restart_in_same_step(diverged)
+            infos |= self._restart_in_same_step()
             infos |= vector_checks.with_masks(self._get_info(), self._everyone)
             infos |= self._episodes.masked_variation_info()
             return self._get_obs(), rewards, terminations, truncations, infos
 
-    def _restart_in_same_step(self, diverged: NDArray[np.bool_]) -> dict[str, Any]:
-        """With `SameStep`, starts an episode where one has ended, unless the divergence of a simulation has started it.
+    def _restart_in_same_step(self) -> dict[str, Any]:
+        """With `SameStep`, starts an episode where one has ended.
 
         Returns:
           Infos with the last observation and the last info of each episode that has ended, as Gymnasium formats them.
@@ -438,7 +433,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         for i in np.flatnonzero(ended).tolist():
             last[i] = tree.map_structure(lambda array, i=i: array[i].copy(), observations)
         info = self._masked_infos(ended)
-        self._episodes.start(ended & ~diverged)
+        self._episodes.start(ended)
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}
 
     def _check_episodes(self, stepping: NDArray[np.bool_]) -> None:

@@ -7,6 +7,7 @@ import collections
 import concurrent.futures
 import ctypes
 import functools
+import operator
 import os
 import weakref
 from collections.abc import Callable, Sequence
@@ -19,6 +20,7 @@ from dm_control import mjcf
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from kitchen_suite.tasks.episode.pushes import Push, Pusher
 from kitchen_suite.tasks.simulation import BatchSimulation, Columns, Simulation
 
 _batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
@@ -119,6 +121,28 @@ class JoinedBatch:
     step = functools.partialmethod(call, Batch.step)
 
 
+class StateCopies:
+    """Copies of the states of all simulations of a batch, to which they can return."""
+
+    def __init__(self, batch: Batch | JoinedBatch) -> None:
+        """Copies the present states."""
+        if isinstance(batch, JoinedBatch):
+            self._present, self._rows = [part.state for part in batch.batches], batch.rows
+        else:
+            self._present, self._rows = [batch.state], [np.arange(batch.nsim)]
+        self._copies = [states.copy() for states in self._present]
+
+    def update(self) -> None:
+        """Copies the present states."""
+        for copy, states in zip(self._copies, self._present, strict=True):
+            np.copyto(copy, states)
+
+    def restore(self, mask: NDArray[np.bool_]) -> None:
+        """Sets the states of the simulations where a mask `(n,)` is True to their copies."""
+        for states, copy, rows in zip(self._present, self._copies, self._rows, strict=True):
+            states[mask[rows]] = copy[mask[rows]]
+
+
 class JoinedRows:
     """Rows of several arrays as those of one."""
 
@@ -178,6 +202,22 @@ class JoinedSensors:
         readings = [each.read(part) for each, part in zip(self._sensors, simulation.parts, strict=True)]
         arrays = zip(*(tree.flatten(reading) for reading in readings), strict=True)
         return tree.unflatten_as(readings[0], [simulation.batch.join(parts) for parts in arrays])
+
+
+class JoinedPusher:
+    """The pushers of several models, in each of which other joints belong to the tasks."""
+
+    def __init__(self, pushers: Sequence[Pusher]) -> None:
+        """Takes the pusher of each model of a `JoinedSimulation`, in its order."""
+        self._pushers = pushers
+
+    def push(self, simulation: JoinedSimulation, push: Push, state: Any) -> Push:
+        """Makes the pushes that are due; see `Pusher.push`."""
+        if push.is_due.any():
+            complete = self._pushers[0].complete(state)
+            for pusher, part, rows in zip(self._pushers, simulation.parts, simulation.batch.rows, strict=True):
+                pusher.move(part, tree.map_structure(operator.itemgetter(rows), push), complete[rows])
+        return push.stepped()
 
 
 def make_simulations(physics: Sequence[mjcf.Physics], threads: int, stage: mujoco.mjtStage) -> tuple[Any, Simulation]:

@@ -19,7 +19,7 @@ from kitchen_suite.tasks.variations.variations import flat_values
 
 def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
     """Returns finite actions of all environments as a fresh float64 array, unrounded."""
-    array = value if isinstance(value, np.ndarray) else checks.array_of(value, "actions")
+    array = checks.array_of(value, "actions")
     if array.dtype.kind not in "fiu":
         raise TypeError(f"actions must hold numbers, got {checks.shown(value)}")
     if array.shape != space.shape:
@@ -43,7 +43,7 @@ def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | No
     if value is None:
         return [None] * count
     if isinstance(value, np.ndarray) and value.ndim:
-        value = value.tolist()
+        value = checks.array_of(value, "seed").tolist()
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):
         each = [*value]
     else:
@@ -66,9 +66,10 @@ def checked_mask(value: Any, count: int, name: str) -> NDArray[np.bool_]:
         raise TypeError(f"{name} must be an array of bools, got {checks.shown(value)}")
     if value.shape != (count,):
         raise ValueError(f"{name} must have shape ({count},), got shape {value.shape}")
-    if not value.any():
+    mask = checks.array_of(value, name)
+    if not mask.any():
         raise ValueError(f"{name} must choose at least one environment")
-    return value
+    return mask
 
 
 def options_of_each(

@@ -3,7 +3,7 @@
 import kitchen_suite.rendering.without_gl  # noqa: F401
 
 # isort: split
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -20,12 +20,13 @@ from kitchen_suite.gymnasium_env.base import PHYSICS_KEY
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.episode.draws import BatchDraws
 from kitchen_suite.tasks.episode.part import EpisodePart, MeasuringPart
+from kitchen_suite.tasks.episode.pushes import Pushes
 from kitchen_suite.tasks.episode.runner import EpisodeRunner
 from kitchen_suite.tasks.episode.state import EpisodeState
 from kitchen_suite.tasks.requests import Reset
 from kitchen_suite.tasks.variations.variations import SLEEP
 from kitchen_suite.vector_env import checks as vector_checks
-from kitchen_suite.vector_env.batches import JoinedSensors, make_simulations
+from kitchen_suite.vector_env.batches import JoinedPusher, JoinedSensors, StateCopies, make_simulations
 
 
 class Stream:
@@ -64,8 +65,6 @@ class BatchEpisodes:
         environments: Sequence[Environment],
         threads: int,
         seeds: EpisodeSeeds,
-        *,
-        written: Collection[str] = (),
     ) -> None:
         """Builds the simulations; `start` starts the episodes.
 
@@ -74,7 +73,6 @@ class BatchEpisodes:
             compiled, and their tasks differ in what is part of states and sensors alone. Nothing else may step them.
           threads: number of threads that step the episodes, including the calling one.
           seeds: how the seed of an episode follows from that of the one before it in the same environment.
-          written: fields of the model that the tasks' own code writes at resets, beside what varies.
         """
         self._seeds = seeds
         count, distinct = len(environments), [*dict.fromkeys(environments)]
@@ -90,12 +88,10 @@ class BatchEpisodes:
         models = [each.physics.model.ptr for each in environments]
         self._moving = [moving_elements(model) for model in models]
         self.batch, self.simulation = make_simulations([each.physics for each in environments], threads, stage)
+        self._last_states = StateCopies(self.batch)
         self._runner = EpisodeRunner(self._mdp, self.simulation, sensors, parts)
         randomizer = self._task.variations.randomizer
-        self._model_fields: dict[str, Any] = {
-            name: self.batch.expand(name)
-            for name in {**dict.fromkeys(randomizer.model_fields), **dict.fromkeys(written)}
-        }
+        self._model_fields: dict[str, Any] = {name: self.batch.expand(name) for name in randomizer.model_fields}
         for name in randomizer.visual_fields:
             self._model_fields[name] = [read_field(model, name) for model in models]
         self._snapshots = {each: ModelSnapshot(each.physics.model.ptr) for each in distinct}
@@ -143,15 +139,11 @@ class BatchEpisodes:
             if edited:
                 snapshot.update()
 
-    def check_written_fields(self) -> None:
-        """Raises a RuntimeError if resets have written fields of a model that they did not write at the first reset."""
-        for environment, snapshot in self._snapshots.items():
-            if names := self._unknown_changes(snapshot):
-                task = type(environment.task).__name__
-                raise RuntimeError(
-                    f"{task} has changed the fields {names} of the physics' model at this reset, but not at the first "
-                    "one, so that the simulations do not have them: write them at every reset"
-                )
+    def _expand_written_fields(self, environment: Environment) -> None:
+        """Gives simulations fields of their own that a reset has written for the first time, beside what varies."""
+        for name in self._unknown_changes(self._snapshots[environment]):
+            # No earlier reset has changed it: all simulations still have the value that their models were built with.
+            self._model_fields[name] = self.batch.expand(name)
 
     def _unknown_changes(self, snapshot: ModelSnapshot) -> list[str]:
         """Returns the fields that differ from a snapshot, beside those that every simulation has for itself."""
@@ -172,6 +164,7 @@ class BatchEpisodes:
             if i in self._resets:
                 task.follow(self._resets.pop(i))
             environment.start_episode()
+            self._expand_written_fields(environment)
             model, data = environment.physics.model.ptr, environment.physics.data.ptr
             mujoco.mj_getState(model, data, self.batch.state[i], INTEGRATION_STATE)
             for name, values in self._model_fields.items():
@@ -187,6 +180,7 @@ class BatchEpisodes:
             self._place_fixed_bodies(indices)
         if self._mdp.action_mode.reads_derived:
             self.batch.forward(indices, self._stage)
+        self._last_states.update()
 
     def _stream_of_next(self, i: int) -> Stream:
         """Returns the random stream of the next episode of environment `i`."""
@@ -208,6 +202,8 @@ class BatchEpisodes:
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
         """Makes a control step.
 
+        A simulation that diverges returns to the end of the control step before: its episode is then what it was there.
+
         Args:
           actions: `(n, k)`, as they are applied.
           stepping: `(n,)`, episodes that make the step; the others are not simulated, and have to be started again.
@@ -219,14 +215,20 @@ class BatchEpisodes:
         self._draws.rows = stepping
         acting = self._runner.act(self.state, actions, self._draws)
         self.batch.step(None if stepping.all() else stepping, self._physics_steps, self._stage)
-        diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
+        diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1) & stepping
         alive = stepping & ~diverged
+        if diverged.any():
+            self._last_states.restore(diverged)
+            self.batch.forward(diverged, self._stage)
         self._draws.rows = alive
-        after = self._runner.advance(self.state, acting, self._draws)
-        before = self.state.mdp_state
-        self.state = after if alive.all() else after.keep_fields(mdp.persistent, before, ~alive)
-        self.steps += stepping
-        self.has_moved |= stepping
+        before = self.state
+        after = self._runner.advance(before, acting, self._draws)
+        if diverged.any():
+            after = after.keep_rows(before, diverged)
+        self.state = after if alive.all() else after.keep_fields(mdp.persistent, before.mdp_state, ~alive)
+        self._last_states.update()
+        self.steps += alive
+        self.has_moved |= alive
         rewards = np.where(alive, mdp.reward(after.mdp_state), 0.0)
         return rewards, (self._runner.terminates(after) & alive) | diverged, diverged
 
@@ -239,9 +241,9 @@ class BatchEpisodes:
         return tuple(state[moving].copy() for state, moving in zip(self.batch.state, self._moving, strict=True))
 
     def info(self) -> dict[str, Any]:
-        """Returns the infos of MDP, terminations and quality, and `episode_step`, the number of steps: `(n, ...)`."""
+        """Returns the infos of MDP, terms and quality, and `episode_step`, the number of steps: `(n, ...)`."""
         return {
-            **self._mdp.info(self.state.mdp_state),
+            **self._runner.mdp_info(self.state),
             **self._runner.info(self.state),
             "episode_step": self.steps.copy(),
         }
@@ -284,6 +286,8 @@ def _joined(readers: Sequence[Any]) -> Any:
         return first
     if isinstance(first, MeasuringPart):
         return first.reading_by(JoinedSensors(readers))
+    if isinstance(first, Pushes):
+        return first.made_by(JoinedPusher([each.pusher for each in readers]))
     return first if isinstance(first, EpisodePart) else JoinedSensors(readers)
 
 

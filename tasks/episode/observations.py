@@ -13,7 +13,7 @@ from kitchen_suite.tasks.episode.draws import Draws
 from kitchen_suite.tasks.episode.part import EpisodePart
 from kitchen_suite.tasks.observables import Computed
 from kitchen_suite.tasks.simulation import Simulation
-from kitchen_suite.tasks.terms import Observation, Transition
+from kitchen_suite.tasks.terms import Observation, Transition, named_errors, read_only
 from kitchen_suite.types import Array
 
 
@@ -88,8 +88,11 @@ class ExtraObservations(EpisodePart):
         Raises a ValueError if a value has another shape.
         """
         values = {}
+        given = read_only(state)
         for name, observation in self.by_name.items():
-            value = np.asarray(observation.read(simulation, state), np.float64)
+            with named_errors(f"extra_observations[{name!r}]"):
+                read = observation.read(simulation, given)
+            value = np.asarray(read, np.float64)
             if value.shape[:-1] != axes or value.ndim != len(axes) + 1:
                 raise ValueError(
                     f"extra_observations[{name!r}] must have the shape {(*axes, 'k')} where the arrays of the state "

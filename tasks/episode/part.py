@@ -87,6 +87,10 @@ class EpisodePart:
         """Returns what agents observe of the part, `(..., k)` each, which follows the MDP's own observations."""
         return []
 
+    def corrected(self, part: Any, info: dict[str, NDArray]) -> dict[str, NDArray]:
+        """Returns the infos of the MDP, in which the part may replace some."""
+        return info
+
     def info(self, part: Any) -> dict[str, NDArray]:
         """Returns the infos of the part: fresh arrays `(...)` or `(..., k)`."""
         return {}

@@ -3,9 +3,10 @@
 A push takes no time: positions change at the start of a control step, and velocities there become zero.
 """
 
+import copy
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from dm_control import mjcf
@@ -23,6 +24,7 @@ from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.types import Array
 
 _ARM = 7  # Joints of the arm, without the fingers.
+_WIDEST = 7  # Positions of a free joint, which has more than any other.
 
 _STEP = "push/step"
 _UNDOES = "push/undoes"
@@ -62,7 +64,8 @@ class Push(NamedTuple):
       undoes: `(...)`, whether it undoes a completed task, if there is one, and does not displace the arm.
       which: `(...)`, in [0, 1], which of the completed tasks: the first ones for low numbers.
       offsets: `(..., 7)`, displacements of the arm's joints [rad].
-      start: `(..., k)`, positions of the tasks' joints at the reset, task by task [rad, m, quaternion].
+      start: `(..., k)`, positions of the tasks' joints at the reset, task by task [rad, m, quaternion]; zeros
+        follow where the number of joints differs between episodes.
     """
 
     steps: NDArray[np.int64]
@@ -71,6 +74,15 @@ class Push(NamedTuple):
     which: Array
     offsets: Array
     start: Array
+
+    @property
+    def is_due(self) -> NDArray[np.bool_]:
+        """Whether `(...)` it comes before the next control step."""
+        return (self.due > 0) & (self.steps == np.floor(self.due))
+
+    def stepped(self) -> Self:
+        """Returns the push after one more control step."""
+        return self._replace(steps=self.steps + 1)
 
 
 class _Joints(NamedTuple):
@@ -96,6 +108,7 @@ class Pusher:
       high: `(k,)`, upper ends [rad].
       tasks: joints of each of `n` tasks that can be undone.
       complete: returns which of these `(..., n)` are complete in a state of the MDP.
+      spare: number of zeros after the positions of these joints in `Push.start`.
     """
 
     arm: _Joints
@@ -103,6 +116,7 @@ class Pusher:
     high: Array
     tasks: Sequence[_Joints]
     complete: Callable[[Any], NDArray[np.bool_]]
+    spare: int = 0
 
     @classmethod
     def make(cls, physics: mjcf.Physics, scene: Scene, mdp: MDP) -> Self:
@@ -110,7 +124,9 @@ class Pusher:
         arm = scene.robot.joints[: scene.robot.arm_size]
         low, high = np.array(physics.bind(arm).range).T
         tasks = [_Joints(*addresses(physics, joints)) for joints in mdp.task_joints(scene)]
-        return cls(_Joints(*addresses(physics, arm)), low, high, tasks, mdp.complete)
+        # Where props differ between episodes stepped together, each place may hold a free joint.
+        spare = max(mdp.object_slots * _WIDEST - sum(joints.qpos.size for joints in tasks), 0)
+        return cls(_Joints(*addresses(physics, arm)), low, high, tasks, mdp.complete, spare)
 
     def start(self, values: Mapping[str, Array], simulation: Simulation) -> Push:
         """Returns the push of an episode that starts with values of parameters."""
@@ -122,39 +138,56 @@ class Pusher:
             undoes=own[_UNDOES] > 0.5,
             which=own[_WHICH],
             offsets=own[_OFFSETS],
-            start=np.concatenate([*starts, np.zeros(0)]),
+            start=np.concatenate([*starts, np.zeros(self.spare)]),
         )
 
     def push(self, simulation: Simulation, push: Push, state: Any) -> Push:
         """Makes the pushes that are due before a control step from a state of the MDP; returns the push after it."""
-        is_due = (push.due > 0) & (push.steps == np.floor(push.due))
-        if is_due.any():
-            undoes = self._undo(simulation, push, is_due & push.undoes, state)
-            positions = simulation.read("qpos", self.arm.qpos) + push.offsets[..., : self.low.size]
-            self.arm.move(simulation, is_due & ~undoes, np.clip(positions, self.low, self.high))
-            simulation.evaluate()
-        return push._replace(steps=push.steps + 1)
+        if push.is_due.any():
+            self.move(simulation, push, self.complete(state))
+        return push.stepped()
 
-    def _undo(self, simulation: Simulation, push: Push, where: NDArray[np.bool_], state: Any) -> NDArray[np.bool_]:
+    def move(self, simulation: Simulation, push: Push, complete: NDArray[np.bool_]) -> None:
+        """Moves what pushes that are due move, given which tasks `(..., n)` are complete."""
+        is_due = push.is_due
+        undoes = self._undo(simulation, push, is_due & push.undoes, complete)
+        positions = simulation.read("qpos", self.arm.qpos) + push.offsets[..., : self.low.size]
+        self.arm.move(simulation, is_due & ~undoes, np.clip(positions, self.low, self.high))
+        simulation.evaluate()
+
+    def _undo(
+        self, simulation: Simulation, push: Push, where: NDArray[np.bool_], complete: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
         """Undoes one completed task where a mask `(...)` is True; returns where there was one."""
         if not self.tasks:
             return np.zeros_like(where)
-        complete = self.complete(state)
         count = complete.sum(axis=-1)
         number = np.minimum(np.floor(push.which * count), count - 1)
         chosen = complete & (complete.cumsum(axis=-1) - 1 == number[..., np.newaxis]) & where[..., np.newaxis]
         sizes = [joints.qpos.size for joints in self.tasks]
-        starts = np.split(push.start, np.cumsum(sizes)[:-1], axis=-1)
+        *starts, _ = np.split(push.start, np.cumsum(sizes), axis=-1)
         for place, (joints, start) in enumerate(zip(self.tasks, starts, strict=True)):
             joints.move(simulation, chosen[..., place], start)
         return where & (count > 0)
 
 
+class PushMaker(Protocol):
+    """Makes the pushes of episodes."""
+
+    def push(self, simulation: Any, push: Push, state: Any) -> Push:
+        """Makes the pushes that are due before a control step from a state of the MDP; returns the push after it."""
+
+
 class Pushes(EpisodePart):
-    """The pushes of a task's episodes."""
+    """The pushes of a task's episodes.
+
+    Attributes:
+      pusher: of the compiled scene; from `bind` on.
+    """
 
     name = "push"
     parameters = PARAMETERS
+    pusher: Pusher
 
     def __init__(self, scene: Scene, mdp: MDP) -> None:
         """Takes the scene, and the MDP, which knows the joints of tasks that can be undone."""
@@ -162,11 +195,18 @@ class Pushes(EpisodePart):
         self._mdp = mdp
 
     def bind(self, physics: mjcf.Physics) -> None:
-        self._pusher = Pusher.make(physics, self._scene, self._mdp)
+        self.pusher = Pusher.make(physics, self._scene, self._mdp)
+        self._maker: PushMaker = self.pusher
+
+    def made_by(self, maker: PushMaker) -> Self:
+        """Returns the part with pushes of several models, which another maker makes."""
+        part = copy.copy(self)
+        part._maker = maker  # noqa: SLF001
+        return part
 
     def draw(self, values: Values, simulation: Simulation, draws: Draws) -> Push:
-        return self._pusher.start(values, simulation)
+        return self.pusher.start(values, simulation)
 
     def before(self, part: Push, simulation: Simulation, mdp_state: Any, ctrl: Array) -> tuple[Push, Array]:
         # After control has read the physics: only a single simulation is evaluated anew, a batch as it steps.
-        return self._pusher.push(simulation, part, mdp_state), ctrl
+        return self._maker.push(simulation, part, mdp_state), ctrl

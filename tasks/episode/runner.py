@@ -192,6 +192,13 @@ class EpisodeRunner:
         """What observations read: of many episodes, some may just have been started, and not been evaluated yet."""
         return self.simulation.unevaluated
 
+    def mdp_info(self, state: EpisodeState) -> dict[str, NDArray]:
+        """Returns the infos of the MDP as the parts correct them: fresh arrays `(...)` or `(..., k)`."""
+        info = self.mdp.info(state.mdp_state)
+        for name, part in self.parts.items():
+            info = part.corrected(state.parts[name], info)
+        return info
+
     def info(self, state: EpisodeState) -> dict[str, NDArray]:
         """Returns the infos of the parts, beside those of the MDP: fresh arrays `(...)` or `(..., k)`."""
         return {key: value for name, part in self.parts.items() for key, value in part.info(state.parts[name]).items()}

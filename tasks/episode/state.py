@@ -31,6 +31,15 @@ class EpisodeState(NamedTuple):
         kept = {name: np.where(where, getattr(before, name), getattr(self.mdp_state, name)) for name in names}
         return self._replace(mdp_state=self.mdp_state._replace(**kept)) if kept else self
 
+    def keep_rows(self, before: Self, where: NDArray[np.bool_]) -> Self:
+        """Returns the states of many episodes, in fresh arrays, with those before where a mask `(n,)` is True."""
+
+        def kept(present: NDArray, earlier: NDArray) -> NDArray:
+            return np.where(where.reshape(-1, *(1,) * (present.ndim - 1)), earlier, present)
+
+        states: Self = map_arrays(kept, self, before)
+        return states
+
     def repeated(self, count: int) -> Self:
         """Returns the state of one episode for `count` of them: arrays with a new first axis."""
         repeated: Self = map_arrays(lambda each: np.repeat(np.asarray(each)[np.newaxis], count, axis=0), self)

@@ -429,6 +429,10 @@ class GeneratedKitchenMDP(CompletionMDP[SlotReading, GeneratedKitchenState]):
             "slots": _single(lambda state: _observed_slots(state, self.num_slots)),
         }
 
+    def task_joints(self, scene: Scene) -> list[tuple[mjcf.Element, ...]]:
+        assert isinstance(scene, GeneratedKitchen), "sensors and slots are of such a kitchen"
+        return [(*_joints_of(scene, name, part), *_followers_of(scene, name, part)) for name, part in scene.parts]
+
     def requested_joints(self, scene: Scene, state: GeneratedKitchenState) -> list[mjcf.Element]:
         assert isinstance(scene, GeneratedKitchen), "sensors and slots are of such a kitchen"
         asked = zip(scene.parts, state.requested.tolist(), strict=False)
@@ -505,6 +509,11 @@ def _joints_of(scene: GeneratedKitchen, name: str, part: Part) -> tuple[mjcf.Ele
     """Returns the joint of a part of a prop of some name; a part without a joint of its own is the free prop."""
     prop = scene.props[name]
     return prop.joints if part.joint is None else (prop.mjcf_model.find("joint", part.joint),)
+
+
+def _followers_of(scene: GeneratedKitchen, name: str, part: Part) -> tuple[mjcf.Element, ...]:
+    """Returns the joints that follow that of a part of a prop of some name."""
+    return () if part.follower is None else (scene.props[name].mjcf_model.find("joint", part.follower),)
 
 
 def _measured(slots: Slots, reading: SlotReading) -> dict[str, Any]:

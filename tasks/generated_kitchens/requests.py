@@ -33,6 +33,7 @@ class PartRequests(Requests):
 
     Attributes:
       tasks: names of the tasks that episodes may ask for, such as `open drawers_1/drawer_2`.
+      counts: how many parts an episode asks for.
       order: `(K,)`, place of each requested part in the episode that starts, from 0, and -1 for the others.
       goal: `(K,)`, opening that is asked for, 0 or 1; 0 for the others.
     """
@@ -65,15 +66,15 @@ class PartRequests(Requests):
             )
         # The first task of each part.
         slots = {k: (k, opens) for k, opens in reversed(self._slots.values())}
-        self._draw = TaskDraw.make(count, len(slots))
-        self._check_count(self._draw.most)
+        self.counts = TaskDraw.make(count, len(slots))
+        self._check_count(self.counts.most)
         self._weights = np.isin(np.arange(MAX_PARTS), list(slots)).astype(np.float64)
         # Whether a part may be asked to be open, and to be closed.
         self._directions = np.zeros((2, MAX_PARTS), bool)
         for k, opens in self._slots.values():
             self._directions[int(opens), k] = True
         # Before the first reset.
-        self._request([slots[k] for k in sorted(slots)[: self._draw.most]])
+        self._request([slots[k] for k in sorted(slots)[: self.counts.most]])
 
     def checked(self, options: Mapping[str, Any]) -> tuple[str, ...] | None:
         if options.get(REQUESTED) is None:
@@ -90,7 +91,7 @@ class PartRequests(Requests):
             raise ValueError(f"num_slots must be at least {count}, the parts that are requested, got {self._num_slots}")
 
     def draw(self, random_state: np.random.RandomState, request: tuple[str, ...] | None) -> None:
-        order = self._draw.draw(random_state, self._weights)
+        order = self.counts.draw(random_state, self._weights)
         opens = np.where(random_state.random_sample(MAX_PARTS) < 0.5, self._directions[1], ~self._directions[0])
         self.order, self.goal = order, ((order >= 0) & opens).astype(np.float64)
         if request is not None:

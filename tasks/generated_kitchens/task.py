@@ -128,14 +128,13 @@ class GeneratedKitchenTask(SuiteTask):
         """
         control, observables = split_options(options, self.control_modes)
         names = tuple(checks.choice(verb, VERBS, "verb") for verb in checks.unique_names(verbs, "verbs"))
+        robot_ratio = checks.number(robot_noise_ratio, "robot_noise_ratio")
+        object_ratio = checks.number(object_noise_ratio, "object_noise_ratio")
         mdp = GeneratedKitchenMDP(
             sensors=SlotSensors(scene),
             action_mode=make_mode(control_mode, self.control_modes, control),
             rewards=REWARDS[checks.choice(reward, REWARDS, "reward")],
-            noise_scale=noise_scale(
-                robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
-                object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
-            ),
+            noise_scale=noise_scale(robot_ratio=robot_ratio, object_ratio=object_ratio),
             num_slots=checks.integer(num_slots, "num_slots", minimum=1, maximum=MAX_PARTS),
             is_dense=reward in DENSE,
             terminate_on_tasks_completed=reward not in CONTINUING,
@@ -146,7 +145,15 @@ class GeneratedKitchenTask(SuiteTask):
         self._words = part_words(scene)
         allowed = _allowed(scene, certified)
         self.requests = PartRequests(scene, names, tasks_per_episode, mdp.num_slots, allowed)
-        self.records = PartRecords(self)
+        self._definition = {
+            "verbs": names,
+            "tasks_per_episode": self.requests.counts,
+            "certified": self.requests.tasks,
+            "num_slots": mdp.num_slots,
+            "reward": reward,
+            "robot_noise_ratio": robot_ratio,
+            "object_noise_ratio": object_ratio,
+        }
         self._policy_name = "_".join(("kitchens", *names, *(() if reward == "sparse" else (reward,))))
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
         self.vary(handles=handles, home=HOME)
@@ -172,6 +179,9 @@ class GeneratedKitchenTask(SuiteTask):
     def requested_tasks(self) -> list[str]:
         """Tasks that the episode asks for, in their order."""
         return self.requests.names(self.state.order, self.state.goal)
+
+    def make_records(self) -> PartRecords:
+        return PartRecords(self)
 
     def make_policy_inputs(self, state_size: int) -> PolicyInputs:
         return PolicyInputs(names=(self._policy_name,), state_size=state_size)
@@ -207,6 +217,9 @@ class GeneratedKitchenTask(SuiteTask):
 
     def initial_state(self, draws: Array) -> GeneratedKitchenState:
         return self.mdp.with_request(super().initial_state(draws), self.requests.order, self.requests.goal)
+
+    def state_definition(self) -> dict[str, Any]:
+        return {**super().state_definition(), **self._definition}
 
     def saved_state(self) -> dict[str, Any]:
         # Other kitchens may have states of the same sizes.

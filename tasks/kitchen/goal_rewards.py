@@ -115,7 +115,7 @@ def _part(infos: NDArray[np.object_], key: str, width: int | None = None) -> Arr
     shape = infos.shape if width is None else (*infos.shape, width)
     # All infos at once, which takes a quarter of the time.
     with contextlib.suppress(ValueError), np.errstate(over="ignore"):
-        together = np.asarray(values)
+        together = checks.array_of(values, key)
         fits = together.ndim <= 2 and together.size == infos.size * size
         if fits and together.dtype.kind in "bfiu":
             numbers = together.astype(np.float64).reshape(shape)

@@ -135,6 +135,9 @@ class KitchenTask(SuiteTask):
         terminates = reward not in CONTINUING if terminate_on_tasks_completed is None else terminate_on_tasks_completed
         is_dense = reward in DENSE
         sensors = KitchenSensors(scene, goal_set, measures_hand=is_dense)
+        robot_ratio = checks.number(robot_noise_ratio, "robot_noise_ratio")
+        object_ratio = checks.number(object_noise_ratio, "object_noise_ratio")
+        self._noise_ratios = {"robot_noise_ratio": robot_ratio, "object_noise_ratio": object_ratio}
         mode = make_mode(control_mode, self.control_modes, control)
         if not (scene.robot.specification.name == FRANKA or mode.suits_any_robot):
             modes = names_for_any_robot(self.control_modes)
@@ -146,11 +149,7 @@ class KitchenTask(SuiteTask):
             goals=goal_set,
             rewards=REWARDS[reward],
             is_dense=is_dense,
-            noise_scale=noise_scale(
-                sensors.slices,
-                robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
-                object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
-            ),
+            noise_scale=noise_scale(sensors.slices, robot_ratio=robot_ratio, object_ratio=object_ratio),
             initial_qpos=initial_qpos(scene.robot),
             success=make_success(goal_set, scene, default=THRESHOLD, **self.success_options),
             terminate_on_tasks_completed=checks.boolean(terminates, "terminate_on_tasks_completed"),
@@ -167,7 +166,6 @@ class KitchenTask(SuiteTask):
         super().__init__(scene, mdp, **observables)
         self.requests = TaskRequests(goal_set, mdp.ordering.draw, goal_states, mdp.initial_qpos.size)
         handles = (goal.handle_in(scene) for goal in goal_set.goals)
-        self.records = KitchenRecords(self)
         self.vary(
             handles=[handle for handle in handles if handle.name not in OUT_OF_REACH],
             parameters=[done_parameter(scene, lambda: self.requests.tasks)],
@@ -177,6 +175,9 @@ class KitchenTask(SuiteTask):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(tasks_to_complete={list(self.mdp.goals.tasks)})"
+
+    def make_records(self) -> KitchenRecords:
+        return KitchenRecords(self)
 
     def make_policy_inputs(self, state_size: int) -> PolicyInputs:
         mdp = self.mdp
@@ -304,6 +305,26 @@ class KitchenTask(SuiteTask):
             return values
         moved = [name for name in self.variations.randomizer.displacements if name.partition("/")[0] in props]
         return {**values, **{name: self.variations.randomizer.defaults[name] for name in moved}}
+
+    def state_definition(self) -> dict[str, Any]:
+        mdp, ordering = self.mdp, self.mdp.ordering
+        thresholds = mdp.success.thresholds if isinstance(mdp.success, ThresholdSuccess) else ()
+        return {
+            **super().state_definition(),
+            "tasks_to_complete": mdp.goals.tasks,
+            "goals": mdp.goals.desired,
+            "success": type(mdp.success).__qualname__,
+            "threshold": np.broadcast_to(thresholds, len(mdp.goals.tasks)) if np.size(thresholds) else None,
+            "reward": self.reward_name,
+            "terminate_on_tasks_completed": mdp.terminate_on_tasks_completed,
+            "remove_task_when_completed": mdp.remove_task_when_completed,
+            **self._noise_ratios,
+            "tasks_per_episode": ordering.draw,
+            "tasks_in_turn": ordering.in_turn,
+            "tasks_in_order": ordering.in_order,
+            "max_task_steps": mdp.max_task_steps,
+            "goal_states": mdp.goal_states,
+        }
 
     def saved_state(self) -> dict[str, Any]:
         goals = self.mdp.goals

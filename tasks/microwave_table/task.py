@@ -120,7 +120,6 @@ class MicrowaveTableTask(SuiteTask):
             threshold=checks.number(threshold, "threshold"),
         )
         super().__init__(scene, mdp, **observables)
-        self.records = OpeningRecords(self, "door")
         self.vary(
             handles=[goal.handle_in(scene) for goal in self._goals.goals],
             home=DEFAULT_POSE,
@@ -130,9 +129,15 @@ class MicrowaveTableTask(SuiteTask):
     def __repr__(self) -> str:
         return f"{type(self).__name__}(threshold={self.mdp.threshold:g})"
 
+    def make_records(self) -> OpeningRecords:
+        return OpeningRecords(self, "door")
+
     def bind(self, physics: mjcf.Physics) -> None:
         self._indices = SceneIndices(self.scene, self._goals, physics)
         self._highlighting = Highlighting(physics, [GOAL.geoms_in(self.scene)])
+
+    def state_definition(self) -> dict[str, Any]:
+        return {**super().state_definition(), "threshold": self.mdp.threshold}
 
     def _away_from_goal(self, values: Values) -> Values:
         """Returns values with which the door does not start nearly open."""

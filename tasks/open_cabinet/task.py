@@ -109,11 +109,13 @@ class OpenCabinetTask(SuiteTask):
         )
         self.reward_name = reward
         super().__init__(scene, mdp, **observables)
-        self.records = OpeningRecords(self, "drawer")
         self.vary(handles=[scene.cabinet.handle_site(drawer)], home=DEFAULT_POSE)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(drawer={self.drawer!r}, reward={self.reward_name!r})"
+
+    def make_records(self) -> OpeningRecords:
+        return OpeningRecords(self, "drawer")
 
     def make_policy_inputs(self, state_size: int) -> PolicyInputs:
         name = f"{self.drawer}_drawer" + ("" if self.reward_name == "original" else f"_{self.reward_name}")
@@ -130,8 +132,8 @@ class OpenCabinetTask(SuiteTask):
 
     @property
     def is_success(self) -> bool:
-        """Whether the present opening is 0.3 m or more."""
-        return bool(self.state.is_success)
+        """Whether the present opening is 0.3 m or more; with `extra_successes`, whether the episode has succeeded."""
+        return bool(self.runner.mdp_info(self.episode)["is_success"])
 
     @property
     def total_steps(self) -> int:
@@ -156,6 +158,10 @@ class OpenCabinetTask(SuiteTask):
         data.qpos[self._joint_qpos] = pose
         data.qvel[:] = 0.0
         data.ctrl[self.mdp.sensors.ctrl] = pose
+
+    def state_definition(self) -> dict[str, Any]:
+        own = {"drawer": self.drawer, "reward": self.reward_name, "observation_noise": self.mdp.noise_scale}
+        return {**super().state_definition(), **own}
 
     def saved_state(self) -> dict[str, Any]:
         state = self.state
@@ -183,4 +189,4 @@ class OpenCabinetTask(SuiteTask):
     def publish(self, physics: mjcf.Physics | None) -> None:
         """Updates the handle's colour, given a physics."""
         if self._visualize_reward and physics is not None:
-            self._highlighting.update([self.is_success])
+            self._highlighting.update([bool(self.state.is_success)])

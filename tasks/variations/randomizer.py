@@ -15,12 +15,21 @@ from kitchen_suite.tasks.variations import distributions
 from kitchen_suite.tasks.variations.distributions import Variation
 from kitchen_suite.types import Array
 
-# Fields of MuJoCo's model that `mj_setConst` computes from masses, inertias and poses.
+# Fields of MuJoCo's model that `mj_setConst` computes from masses, inertias and poses: also those that depend on poses
+# alone, which other parameters may have set.
 DERIVED_FIELDS = (
     "body_subtreemass",
     "body_invweight0",
     "dof_invweight0",
     "dof_M0",
+    "dof_length",
+    "cam_poscom0",
+    "cam_pos0",
+    "cam_mat0",
+    "light_poscom0",
+    "light_pos0",
+    "light_dir0",
+    "eq_data",
     "tendon_length0",
     "tendon_invweight0",
     "actuator_length0",

@@ -118,6 +118,12 @@ class Variations:
         self.moves_sleepers = bool(self.layout) and scene.sleeps
         self._layout_check = LayoutCheck(scene, handles) if self.layout else None
 
+    @property
+    def definition(self) -> dict[str, Any]:
+        """What varies, by name of the argument: distributions by parameter, or the names of those of the groups."""
+        varied = {name: self._given.get(name) for name in self._rows}
+        return {"variations": varied, "variation_split": self.split if varied else None}
+
     def bind(self, physics: mjcf.Physics) -> None:
         """Reads the default values from a compiled scene, which must have those of the built one.
 

@@ -1,18 +1,24 @@
 """Recordings in the files of other programs: every number survives, and their own loaders read them."""
 
+import contextlib
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import gymnasium
 import h5py
+import mujoco
 import numpy as np
 import pytest
 from helpers.episodes import load_episode
 
 from kitchen_suite.commands import convert, record
+from kitchen_suite.environment.mjcf_values import greatest_difference
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.gymnasium_env.observations import OF_PICTURES
 
 COUNT = 3
 pytestmark = pytest.mark.full
@@ -122,11 +128,68 @@ def test_robomimic(make, arguments):
                 np.testing.assert_array_equal(group[name][:], arrays[key])
             np.testing.assert_array_equal(group["dones"][:], arrays["termination"] | arrays["truncation"])
             assert group.attrs["num_samples"] == len(arrays["reward"]) == len(group["states"])
-            assert group.attrs["model_file"].startswith("<mujoco")
             timestep = inner.environment.control_timestep()
             times = timestep * np.arange(len(arrays["reward"]))
             np.testing.assert_allclose(group["states"][:, 0], times, rtol=0, atol=1e-12)
             np.testing.assert_array_equal(group["states"][:, 1:], arrays["physics_state"][:-1])
+
+
+VARIED = ["--policy=random", "--max_episode_steps=5", '--task_kwargs={"variations": ["layout", "dynamics"]}']
+MODELS = {
+    "kitchen": [*VARIED, "--task_name=kettle"],
+    "cabinet": [*VARIED, "--domain_name=open_cabinet"],
+    "pictures": [*SHORT, *PICTURES],
+    "kitchens": ["--policy=random", "--max_episode_steps=5", "--domain_name=kitchens"],
+}
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=pytest.mark.rendering) if case == "pictures" else case for case in MODELS]
+)
+def test_robomimics_model_compiles_without_files_to_that_of_the_recorded_states(make, case):
+    assert make("robomimic", *MODELS[case])[0] == 0
+    with h5py.File("data/me/set.hdf5") as file:
+        data = file["data"]
+        args = json.loads(data.attrs["env_args"])
+        given = {name: value for name, value in args["env_kwargs"].items() if name not in OF_PICTURES}
+        with contextlib.closing(gymnasium.make(args["env_name"], **given)) as env:
+            for index in range(COUNT):
+                group = data[f"demo_{index}"]
+                # As robomimic's `reset_to` for robosuite.
+                model = mujoco.MjModel.from_xml_string(group.attrs["model_file"])
+                simulation = mujoco.MjData(model)
+                assert group["states"].shape[1] == 1 + model.nq + model.nv
+                env.reset(seed=int(group.attrs["seed"]))
+                physics = suite_env(env).environment.physics
+                assert greatest_difference(model, physics.model.ptr, physical=True).value < 1e-9
+                # The last state is that before the last step.
+                for state, action in zip(group["states"], group["actions"], strict=True):
+                    simulation.time, simulation.qpos, simulation.qvel = state[0], *np.split(state[1:], [model.nq])
+                    mujoco.mj_forward(model, simulation)
+                    np.testing.assert_allclose(simulation.xpos, physics.data.xpos, rtol=0, atol=1e-9)
+                    env.step(action)
+
+
+@pytest.mark.parametrize("arguments", [SHORT, CABINET], ids=["kitchen", "cabinet"])
+def test_gymnasium_makes_the_recorded_environment_of_robomimics_arguments_alone(make, arguments):
+    assert make("robomimic", *arguments)[0] == 0
+    with h5py.File("data/me/set.hdf5") as file:
+        args = json.loads(file["data"].attrs["env_args"])
+        actions, seed = file["data/demo_0/actions"][:], int(file["data/demo_0"].attrs["seed"])
+    program = (
+        "import gymnasium, json, sys\n"
+        "args, actions, seed = json.loads(sys.stdin.read())\n"
+        "env = gymnasium.make(args['env_name'], **args['env_kwargs'])\n"
+        "env.reset(seed=seed)\n"
+        "ends = [env.step(action)[2:4] for action in actions]\n"
+        "print(json.dumps([[bool(end) for end in each] for each in ends]))\n"
+    )
+    given = json.dumps([args, actions.tolist(), seed])
+    ended = subprocess.run([sys.executable, "-c", program], input=given, capture_output=True, text=True, check=True)
+    arrays = recorded(0)
+    np.testing.assert_array_equal(
+        json.loads(ended.stdout), np.column_stack([arrays["termination"], arrays["truncation"]])
+    )
 
 
 @pytest.mark.rendering

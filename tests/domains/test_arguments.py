@@ -207,3 +207,79 @@ def test_the_ways_of_gymnasium_exist(domain):
     assert many.num_envs == 2
     many.close()
     assert isinstance(load(domain).reset(), dm_env.TimeStep)
+
+
+def outcome(build):
+    """Returns the error of building an environment, without what Gymnasium adds to it; None if it is built."""
+    try:
+        build().close()
+    except (TypeError, ValueError) as error:
+        return type(error), str(error).partition(" was raised from")[0]
+    return None
+
+
+def outcomes(domain, arguments):
+    """Returns the errors of `suite.load`, `gymnasium.make` and `make_vec` with some arguments of their default task."""
+    record = DOMAINS[domain]
+    env_id = record.task_ids[record.default_task]
+    return (
+        outcome(lambda: load(domain, **arguments)),
+        outcome(lambda: gymnasium.make(env_id, **arguments)),
+        outcome(lambda: gymnasium.make_vec(env_id, 1, num_threads=1, **arguments)),
+    )
+
+
+SHARED = [
+    (domain, name)
+    for domain, record in DOMAINS.items()
+    for name in sorted(of_load(record) & of_gymnasium(record))
+    if name not in record.tasks[record.default_task] or name in record.replaceable
+]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("domain", "name"), SHARED)
+def test_none_is_taken_or_refused_alike_by_all_ways_to_build(domain, name):
+    one, single, many = outcomes(domain, {name: None})
+    assert one == single == many
+    assert one is None or name in one[1]
+
+
+@pytest.mark.parametrize("name", ["control_mode", "cameras", "depth", "segmentation", "visuals"])
+def test_none_stands_for_the_default_of_suite_load(name):
+    one = suite.load("microwave_table", "open", {name: None})
+    assert one.task.mdp.action_mode.name == "joint_offset"
+    assert one.task.pictures.by_name == {}
+    assert one.physics.model.ngeom == suite.load("microwave_table", "open").physics.model.ngeom
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize("other", DOMAINS)
+def test_the_domain_of_another_id_is_refused_with_that_id(domain, other):
+    record = DOMAINS[domain]
+    for env_id in (record.env_id, *list(record.task_ids.values())[:1]):
+        for build in (gymnasium.make, gymnasium.make_vec):
+            found = outcome(lambda build=build, env_id=env_id: build(env_id, domain=other))
+            if domain == other:
+                assert found is None
+            else:
+                assert found[0] is ValueError
+                assert found[1].startswith(f"domain {other!r}")
+                assert repr(DOMAINS[other].env_id) in found[1]
+                assert "tasks_to_complete" not in found[1]
+
+
+def test_the_way_that_the_error_about_a_domain_names_is_the_way():
+    with refused(ValueError, "'open_cabinet'", "FrankaOpenCabinetEnv", "leave out domain") as raised:
+        gymnasium.make("KitchenSuite/FrankaKitchen-v1", domain="open_cabinet")
+    env_id = str(raised.value).split("'")[-2]
+    env = gymnasium.make(env_id)
+    assert env.unwrapped.composer_task.domain_name == "open_cabinet"
+    env.close()
+
+
+@pytest.mark.parametrize("name", ["", "nonsense"])
+def test_a_domain_that_does_not_exist_is_refused(name):
+    with refused(ValueError, f"domain {name!r}", "'open_cabinet'"):
+        gymnasium.make("KitchenSuite/FrankaKitchen-v1", domain=name)

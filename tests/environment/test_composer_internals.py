@@ -7,13 +7,13 @@ import pytest
 
 from kitchen_suite.environment import environment, physics, updater
 from kitchen_suite.environment.private_names import PRIVATE_NAMES, check_private_names, names_of
+from kitchen_suite.rendering import measuring
 
 
 def test_the_table_lists_the_private_names_that_the_environment_uses():
     of_composer = set().union(*map(names_of, PRIVATE_NAMES))
-    nodes = [
-        node for module in (environment, physics, updater) for node in ast.walk(ast.parse(inspect.getsource(module)))
-    ]
+    modules = (environment, physics, updater, measuring)
+    nodes = [node for module in modules for node in ast.walk(ast.parse(inspect.getsource(module)))]
     accessed = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     overridden = {node.name for node in nodes if isinstance(node, ast.FunctionDef)}
     private = {name for name in accessed | overridden if name.startswith("_") and not name.startswith("__")}

@@ -340,7 +340,7 @@ def test_kitchens_keep_a_place_for_each_part_that_any_of_them_may_have():
 
 def test_an_object_of_a_user_counts_in_single_and_vectorised_environments():
     mug = runpy.run_path(str(EXAMPLES / "mug.py"))["MUG_KITCHEN"]
-    environment = mug.load(**mug.tasks["kettle"], random=0, visuals=False, quality=True)
+    environment = mug.load(**mug.tasks["lift"], random=0, visuals=False, quality=True)
     environment.reset()
     assert environment.task.meter.objects[-1] == "mug/"
     column = environment.physics.bind(

@@ -10,6 +10,8 @@ from helpers.errors import refused
 from helpers.vectors import batch
 from mujoco.batch import Batch
 
+from kitchen_suite.entities.joints import addresses
+from kitchen_suite.environment.seeds import EpisodeSeeds
 from kitchen_suite.gymnasium_env.generated_kitchens import GeneratedKitchenEnv
 from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv
 from kitchen_suite.vector_env.episodes import BatchEpisodes
@@ -239,4 +241,37 @@ def test_extra_observables_that_kitchens_do_not_share_are_refused():
 def test_environments_whose_robots_have_other_indices_are_refused():
     kitchen, cabinet = GeneratedKitchenEnv(0, verbs=VERBS), FrankaOpenCabinetEnv()
     with refused(ValueError, "the robot must be attached before anything that differs"):
-        BatchEpisodes([kitchen.environment, cabinet.environment], threads=1)
+        BatchEpisodes([kitchen.environment, cabinet.environment], 1, EpisodeSeeds(episode_seeds=False))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("physics", ["exact", "fast"])
+def test_pushes_undo_parts_of_several_kitchens_as_in_single_ones(physics):
+    push = {"push/step": {"choice": [2, 3]}, "push/undoes": 1, "push/which": {"uniform": [0, 1]}}
+    settings = {"variations": push, "verbs": ("open", "turn_on"), "tasks_per_episode": 2, "reward": "dense"}
+    env, singles = many(physics=physics, **settings), alone(physics=physics, **settings)
+    env.reset(seed=SEED)
+    asked = []
+    for i, single in enumerate(singles):
+        single.reset(seed=SEED + i)
+        task, physics_of_row = single.composer_task, single.environment.physics
+        asked.append(task.state.requested)
+        for slot in np.flatnonzero(task.state.requested):
+            columns = addresses(physics_of_row, task.mdp.task_joints(task.scene)[slot])[0]
+            _, part = task.scene.parts[slot]
+            values = [part.opened, part.opened * part.ratio][: columns.size]
+            physics_of_row.data.qpos[columns] = values
+            # After the time come the positions.
+            batch(env).state[i][1 + columns] = values
+        task.simulation.evaluate()
+    actions = np.zeros(env.action_space.shape)
+    open_parts = []
+    for _ in range(5):
+        result = env.step(actions)
+        for i, single in enumerate(singles):
+            assert_row(result, i, single.step(actions[i]))
+        openings = result[-1]["openings"]
+        open_parts.append([int((openings[i] > 0.75)[asked[i]].sum()) for i in range(COUNT)])
+    # A push undoes one of two.
+    assert open_parts[1] == [2] * COUNT
+    assert open_parts[-1] == [1] * COUNT

@@ -184,7 +184,8 @@ def test_json_draws_what_composer_distributions_do_in_the_vectorised_environment
 def test_only_fields_of_wanted_parameters_are_changed():
     assert load().task.variations.randomizer.model_fields == ()
     wanted = {"franka/pad_friction": 1.2, "cabinet/yaw": {"uniform": [0, 0.1]}}
-    assert load(variations=wanted).task.variations.randomizer.model_fields == ("body_quat", "geom_friction")
+    fields = ("body_quat", "body_sameframe", "geom_friction")
+    assert load(variations=wanted).task.variations.randomizer.model_fields == fields
 
 
 def test_the_cabinet_offers_parameters_of_all_its_joints():

@@ -9,7 +9,7 @@ import pytest
 from kitchen_suite import suite
 from kitchen_suite.entities import build_kitchen_scene, build_microwave_table_scene, build_open_cabinet_scene
 from kitchen_suite.rendering.cameras import camera_names
-from kitchen_suite.tasks.variations.distributions import SPLITS
+from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 SCENES = {
     "kitchen": build_kitchen_scene,
@@ -117,3 +117,44 @@ def test_held_out_views_show_something_else_in_full_light(domain):
         # Neither black nor white.
         assert 25 < new.mean() < 230, name
         assert new.std() > 15, name
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("domain", ["kitchen", "open_cabinet", "microwave_table", "kitchens"])
+def test_defaults_are_the_same_numbers_with_and_without_visuals(domain):
+    groups = [group for group in GROUPS if domain != "kitchens" or group not in ("layout", "appearance")]
+    seen, unseen = (
+        suite.load(domain, suite.default_task(domain), {"visuals": visuals, "variations": groups, "random": 0}).task
+        for visuals in (True, False)
+    )
+    defaults = unseen.variations.randomizer.defaults
+    assert seen.variations.randomizer.defaults.keys() == defaults.keys()
+    for name, value in seen.variations.randomizer.defaults.items():
+        assert value.dtype == np.float64, name
+        np.testing.assert_array_equal(value, defaults[name], name)
+        for one, other in zip(seen.variations.ranges[name], unseen.variations.ranges[name], strict=True):
+            np.testing.assert_array_equal(one, other, name)
+
+
+@pytest.mark.parametrize("visuals", [True, False])
+def test_a_colour_that_is_left_out_is_the_one_of_the_table_not_its_single_precision(visuals):
+    environment = suite.load("open_cabinet", "top_drawer", {"visuals": visuals, "variations": "appearance"})
+    environment.task.follow(environment.task.checked_reset({"variation": []}))
+    environment.reset()
+    values = environment.task.variations.values
+    for surface in environment.task.root_entity.surfaces:
+        np.testing.assert_array_equal(values[f"{surface.prefix}color"], surface.color)
+    assert values["walls/color"].tolist() == [0.88, 0.86, 0.82]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("domain", ["kitchen", "open_cabinet", "microwave_table"])
+def test_default_appearance_is_written_to_the_bit_as_it_was_built(domain):
+    environment = suite.load(domain, suite.default_task(domain), {"variations": "appearance"})
+    model = environment.physics.model
+    fields = ("mat_rgba", "geom_rgba", "geom_matid", "light_diffuse", "light_specular", "light_ambient", "light_dir")
+    built = {name: getattr(model, name).copy() for name in fields}
+    environment.task.follow(environment.task.checked_reset({"variation": []}))
+    environment.reset()
+    for name, before in built.items():
+        np.testing.assert_array_equal(getattr(environment.physics.model, name), before, name)

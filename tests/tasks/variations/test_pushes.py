@@ -10,6 +10,7 @@ from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.entities.joints import addresses
+from kitchen_suite.gymnasium_env.generated_kitchens import GeneratedKitchenEnv
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.episode.pushes import PUSH, Push, Pusher, _Joints
 from kitchen_suite.tasks.simulation import PhysicsSimulation
@@ -158,7 +159,7 @@ def test_what_the_group_draws():
 
 def test_without_tasks_to_undo_the_arm_is_displaced():
     simulation = Arrays(1)
-    pusher = dataclasses.replace(PUSHER, tasks=[], complete=None)
+    pusher = dataclasses.replace(PUSHER, tasks=[], complete=lambda state: np.zeros(0, bool))
     push = push_of(1, offsets=0.05)
     pusher.push(simulation, push, None)
     np.testing.assert_allclose(simulation.fields["qpos"][0, :2], 0.55)
@@ -217,6 +218,62 @@ def test_one_of_the_completed_tasks_is_undone(which, undone):
     for name, indices in columns.items():
         assert np.array_equal(qpos[indices], start[indices]) == (name == undone)
     np.testing.assert_array_equal(qpos[ARM], arm)
+
+
+# A generated kitchen with knobs, which burners follow, a switch, doors and a kettle.
+WITH_ALL_KINDS = 3
+VERBS = ("open", "turn_on", "move_kettle")
+
+
+def opened(environment):
+    """Moves all parts of a generated kitchen to where they are open, or on; returns columns in qpos by part."""
+    task, physics = environment.task, environment.physics
+    columns = [addresses(physics, joints)[0] for joints in task.mdp.task_joints(task.scene)]
+    for slot, ((_, part), indices) in enumerate(zip(task.scene.parts, columns, strict=True)):
+        if part.joint is None:
+            # The kettle's target lies in the direction of the burner behind it.
+            physics.data.qpos[indices[:3]] += part.opened * task.state.slots.into[slot]
+        else:
+            physics.data.qpos[indices] = [part.opened, part.opened * part.ratio][: indices.size]
+    return columns
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("physics", ["exact", "fast"])
+def test_a_completed_part_of_a_generated_kitchen_is_undone(physics):
+    push = {"push/step": 2, "push/undoes": 1, "push/joint_offsets": OFFSETS}
+    environment = GeneratedKitchenEnv(
+        WITH_ALL_KINDS, verbs=VERBS, physics=physics, reward="dense", variations=push
+    ).environment
+    parts = {}
+    for seed in range(16):
+        environment.random_state = seed
+        environment.reset()
+        task, start = environment.task, np.array(environment.physics.data.qpos)
+        (asked,) = np.flatnonzero(task.state.requested)
+        columns = opened(environment)
+        for _ in range(2):
+            environment.step(np.zeros(9))
+        assert task.state.progress.completed[asked]
+        before = np.array(environment.physics.data.qpos)
+        qpos = positions_before_physics(environment, np.zeros(9), 1)
+        np.testing.assert_array_equal(qpos[columns[asked]], start[columns[asked]])
+        others = np.setdiff1d(np.arange(qpos.size), columns[asked])
+        # Neither the arm nor any other part.
+        np.testing.assert_array_equal(qpos[others], before[others])
+        assert not task.state.progress.within[asked]
+        parts[task.scene.parts[asked][1].kind] = columns[asked].size
+    assert parts == {"knob": 2, "switch": 2, "door": 1, "kettle": 7}
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("domain", suite.DOMAINS)
+def test_what_may_be_completed_may_be_undone(domain):
+    task = load(domain).task
+    joints, complete = task.mdp.task_joints(task.scene), task.mdp.complete(task.state)
+    assert complete.shape[-1] >= len(joints)
+    assert (complete.size > 0) == (len(joints) > 0)
+    assert bool(joints) == (domain in ("kitchen", "kitchens"))
 
 
 @pytest.mark.full
