@@ -211,7 +211,7 @@ class JoinedPusher:
         if push.is_due.any():
             complete = self._pushers[0].complete(state)
             for pusher, part, rows in zip(self._pushers, simulation.parts, simulation.batch.rows, strict=True):
-                pusher.move(part, Push(*(each[rows] for each in push)), complete[rows])
+                pusher.move(part, Push._make(each[rows] for each in push), complete[rows])
         return push.stepped()
 
 
