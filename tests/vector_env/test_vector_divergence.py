@@ -117,13 +117,16 @@ def inject(env, rows):
 
 
 def play(domain, mode, episode_seeds, least, seed=0):
-    """Compares all steps until a number of divergences; returns the step of its episode in which each one came."""
+    """Compares all steps until a number of divergences, among them some in each step of an episode.
+
+    Returns the step of its episode in which each one came.
+    """
     env, twins = make(domain, mode, episode_seeds)
     random, found, ended = np.random.default_rng(seed), [], np.zeros(COUNT, bool)
     observations, infos = env.reset(seed=SEED)
     for i, twin in enumerate(twins):
         assert_row(observations, infos, i, twin.start(seed=SEED + i))
-    while len(found) < least:
+    while len(found) < least or len({*found}) < LIMIT:
         if mode == "Disabled" and ended.any():
             observations, infos = env.reset(options={"reset_mask": ended})
             for i in np.flatnonzero(ended):
@@ -172,16 +175,14 @@ def play(domain, mode, episode_seeds, least, seed=0):
     ),
 )
 def test_an_episode_that_diverges_is_one_episode_with_a_last_step_of_its_own(domain, mode, episode_seeds):
-    found = play(domain, mode, episode_seeds, 10)
     # Also in the first step of an episode, and in the one that would truncate it.
-    assert {0, LIMIT - 1} <= {*found}
+    assert {*play(domain, mode, episode_seeds, 10)} == {*range(LIMIT)}
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize(("domain", "mode", "episode_seeds"), CASES)
 def test_of_a_thousand_divergences_each_ends_one_episode_as_in_single_environments(domain, mode, episode_seeds):
-    found = play(domain, mode, episode_seeds, 42, seed=1)
-    assert {*range(LIMIT)} == {*found}
+    assert len(play(domain, mode, episode_seeds, 42, seed=1)) >= 42
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
