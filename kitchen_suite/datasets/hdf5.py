@@ -59,7 +59,8 @@ def check_space(path: Path, size: int) -> None:
         with tempfile.TemporaryFile(dir=path.parent) as space:
             os.posix_fallocate(space.fileno(), present, _LARGEST_OVERHEAD * size + _LEAST_SPACE)
     except OSError as error:
-        raise OSError(error.errno, os.strerror(error.errno or errno.ENOSPC), str(path.parent)) from error
+        reason = os.strerror(error.errno or errno.ENOSPC)
+        raise OSError(error.errno, f"{reason}: there is no space for a file of HDF5") from error
 
 
 def append(file: Any, arrays: Mapping[str, NDArray]) -> None:
