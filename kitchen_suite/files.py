@@ -76,6 +76,21 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
+def parents_of(path: Path) -> Iterator[None]:
+    """Makes the folders that a path is to lie in; removes those that it has made if an exception is raised."""
+    missing = [folder for folder in path.parents if not folder.exists()]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        for folder in missing:
+            # Something else may be in it by now.
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+@contextlib.contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
     """Yields a hidden path beside `path` for a folder, removed at the end, as those that killed processes have left."""
     path = path.absolute()

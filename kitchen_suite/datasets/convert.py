@@ -42,11 +42,11 @@ def convert(
         path = folder / f"{dataset}{chosen.suffix}"
         if path.exists():
             raise FileExistsError(f"{path} exists already, and is never replaced: name another dataset")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        files.remove_stale_partials(path.parent)
-        with contextlib.closing(source.spec.make_environment()) as environment:
-            episodes = (source.load_fitting(index, environment) for index in source.indices)
-            chosen.write(path, source.spec, episodes)
+        with files.parents_of(path):
+            files.remove_stale_partials(path.parent)
+            with contextlib.closing(source.spec.make_environment()) as environment:
+                episodes = (source.load_fitting(index, environment) for index in source.indices)
+                chosen.write(path, source.spec, episodes)
     return path
 
 

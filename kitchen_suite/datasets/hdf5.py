@@ -5,9 +5,11 @@ a folder of the machine; what is read here has none of these. Sizes are checked 
 """
 
 import contextlib
+import errno
 import importlib
 import math
 import os
+import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,11 @@ _MAX_ITEMS = 10_000  # Of an episode.
 
 _NUMBER_BYTES = 8  # Of a number, once it is read as float64.
 
+# Space that a file needs for arrays, as a multiple of their bytes, and for all else, such as attributes [bytes]:
+# chosen, several times what it takes.
+_LARGEST_OVERHEAD = 2
+_LEAST_SPACE = 4 * 2**20
+
 
 @contextlib.contextmanager
 def new_file(path: Path) -> Iterator[Any]:
@@ -34,12 +41,34 @@ def new_file(path: Path) -> Iterator[Any]:
     Raises an ImportError without h5py, and a FileExistsError if there is something at `path`.
     """
     checks.installed(["h5py"], "a dataset in HDF5", "record")
-    with files.atomic_create(path) as partial, library().File(partial, "w") as file:
-        yield file
+    with files.atomic_create(path) as partial:
+        check_space(partial, 0)
+        with library().File(partial, "w") as file:
+            yield file
+
+
+def check_space(path: Path, size: int) -> None:
+    """Raises an OSError unless a file can grow by about a number of bytes, within free space, quotas and limits.
+
+    HDF5 must not find out by itself: where it cannot write, it ends the process by a segmentation fault, then or when
+    it closes the file.
+    """
+    present = path.stat().st_size if path.exists() else 0
+    try:
+        # On the file system of the file; it has no name, and is gone at the end.
+        with tempfile.TemporaryFile(dir=path.parent) as space:
+            os.posix_fallocate(space.fileno(), present, _LARGEST_OVERHEAD * size + _LEAST_SPACE)
+    except OSError as error:
+        reason = os.strerror(error.errno or errno.ENOSPC)
+        raise OSError(error.errno, f"{reason}: there is no space for a file of HDF5") from error
 
 
 def append(file: Any, arrays: Mapping[str, NDArray]) -> None:
-    """Adds rows to the datasets of an HDF5 file, which are made where they are missing."""
+    """Adds rows to the datasets of an HDF5 file, which are made where they are missing, and writes them at once.
+
+    Raises an OSError, with nothing added, if there is no space for them.
+    """
+    check_space(Path(file.file.filename), sum(rows.nbytes for rows in arrays.values()))
     for name, rows in arrays.items():
         if name not in file:
             shape = rows.shape[1:]
@@ -49,6 +78,7 @@ def append(file: Any, arrays: Mapping[str, NDArray]) -> None:
         dataset = file[name]
         dataset.resize(len(dataset) + len(rows), axis=0)
         dataset[len(dataset) - len(rows) :] = rows
+    file.file.flush()
 
 
 def compress(path: Path, axes: int) -> None:
@@ -57,6 +87,7 @@ def compress(path: Path, axes: int) -> None:
     The file is one that this program has written.
     """
     compressed = path.with_suffix(".compressed")
+    check_space(compressed, path.stat().st_size)
     with library().File(path, "r") as source, library().File(compressed, "w") as target:
 
         def copy(name: str, item: Any) -> None:

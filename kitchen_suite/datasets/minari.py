@@ -59,6 +59,8 @@ def write(path: Path, spec: EpisodeSpec, episodes: Iterable[Episode]) -> None:
         remaining = iter(episodes)
         written, last = 0, 0
         while chunk := list(itertools.islice(remaining, _CHUNK)):
+            size = sum(rows.nbytes for episode in chunk for rows in episode.arrays.values())
+            hdf5.check_space(storage.data_path / _DATA_FILE, size)
             dataset.update_dataset_from_buffer([_buffer(minari, episode) for episode in chunk])
             storage.update_episode_metadata(list(map(_metadata, chunk)), range(written, written + len(chunk)))
             written += len(chunk)
@@ -86,6 +88,7 @@ def _written_elsewhere(minari: Any, path: Path, dataset_id: str) -> Iterator[Non
 
 def _create(minari: Any, dataset_id: str, spec: EpisodeSpec, environment: gymnasium.Env, **options: Any) -> Any:
     """Returns a new dataset without episodes."""
+    hdf5.check_space(_datasets_root() / _DATA_FILE, 0)
     with warnings.catch_warnings():
         # About optional metadata: author, permalink, and another environment for evaluation.
         warnings.filterwarnings("ignore", r"`\w+` is set to None")

@@ -29,9 +29,9 @@ from kitchen_suite.environment.states import (
     ASLEEP,
     INTEGRATION_STATE,
     check_sleep,
+    evaluate_sleepers,
     initial_state,
     shared_elements,
-    write_sleep,
 )
 from kitchen_suite.environment.updater import UnbufferedUpdater
 from kitchen_suite.names import EXACT
@@ -388,9 +388,7 @@ class Environment(composer.Environment):
         whole[self._is_shared] = state["physics"]
         mujoco.mj_setState(model, data, whole, INTEGRATION_STATE)
         if self._task.scene.sleeps:
-            # What sleeps keeps the pose that it has now.
-            mujoco.mj_step1(model, data)
-            write_sleep(model, data, state[ASLEEP])
+            evaluate_sleepers(model, data, state[ASLEEP])
         mujoco.mj_step1(model, data)
         self._task.read_evaluated()
         self._step_count, self._reset_next_step = step_count, bool(state["reset_next_step"])

@@ -59,11 +59,27 @@ def check_sleep(tree_asleep: NDArray[np.int32]) -> None:
         raise ValueError(f"state[{ASLEEP!r}] names no trees that sleep together: {checks.shown(tree_asleep.tolist())}")
 
 
-def write_sleep(model: mujoco.MjModel, data: mujoco.MjData, tree_asleep: NDArray[np.int32]) -> None:
-    """Sets which kinematic trees sleep, and what MuJoCo derives from it; `mj_setState` wakes all.
+def evaluate_sleepers(model: mujoco.MjModel, data: mujoco.MjData, tree_asleep: NDArray[np.int32]) -> None:
+    """Evaluates a state that has just been set with all trees awake, then sets which of them sleep.
+
+    What MuJoCo evaluated of a tree before it fell asleep stays until it wakes: poses, sensors, and the acceleration
+    without constraints, which becomes the solver's warm start. None of it is in the state, and `mj_setState` lets trees
+    sleep on whose positions are the same.
 
     `tree_asleep` `(ntree,)` is as MuJoCo's field of this name: not negative where a tree sleeps.
     """
+    _write_sleep(model, data, np.full_like(tree_asleep, -1 - mujoco.mjMINAWAKE))
+    mujoco.mj_forward(model, data)
+    _write_sleep(model, data, tree_asleep)
+    # From the second physics step of its sleep the warm start is that acceleration, which depends in its last digits on
+    # where the trees beside it were when it fell asleep.
+    sleeps = tree_asleep[model.dof_treeid] >= 0
+    same = np.isclose(data.qacc_smooth, data.qacc_warmstart, rtol=1e-9, atol=1e-9)
+    np.copyto(data.qacc_smooth, data.qacc_warmstart, where=sleeps & same)
+
+
+def _write_sleep(model: mujoco.MjModel, data: mujoco.MjData, tree_asleep: NDArray[np.int32]) -> None:
+    """Sets which kinematic trees sleep, and what MuJoCo derives from it."""
     data.tree_asleep[:] = tree_asleep
     data.tree_awake[:] = tree_asleep < 0
     moves = model.body_treeid >= 0

@@ -14,6 +14,7 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.joints import joint_types
+from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.episode.draws import Draws
 from kitchen_suite.tasks.episode.part import MeasuringPart
@@ -203,7 +204,7 @@ def contact_forces(contacts: Array) -> Array:
     forces: Array = sums[..., 0, :, :] - sums[..., 1, :, :]
     # The robot's contacts without those of the hand.
     forces[..., 0, :] -= forces[..., 1, :]
-    # Differences of equal sums are rounded, and may be less than 0.
+    # Differences of sums are rounded, and may be just below 0.
     return np.maximum(forces, 0.0)
 
 
@@ -230,15 +231,15 @@ class QualityMeter(MeasuringPart):
         self._mdp = mdp
         self._physics_steps = physics_steps
         robot = mjcf.get_attachment_frame(scene.robot.mjcf_model)
-        # With what the robot touches itself: its base does not move. MuJoCo leaves out sensors of two bodies that both
-        # are fixed while anything sleeps, and such a sensor keeps an old value.
-        arm = scene.robot.joints[0].parent
         hand = scene.robot.joints[scene.robot.arm_size - 1].parent
+        # While anything sleeps, MuJoCo does not evaluate a sensor of contacts between two subtrees whose own bodies are
+        # fixed or asleep, whatever else moves in them. The base of a robot is fixed; what moves of it never sleeps.
+        moving = _moving_root(scene.robot)
         of_contacts = {"data": "force", "num": NUM_CONTACTS, "reduce": "maxforce"}
         self._contacts = [
             self._add("contact", subtree1=robot, **of_contacts),
             self._add("contact", subtree1=hand, **of_contacts),
-            self._add("contact", subtree1=arm, subtree2=robot, **of_contacts),
+            self._add("contact", subtree1=moving, subtree2=robot, **of_contacts),
             self._add("contact", subtree1=hand, subtree2=robot, **of_contacts),
         ]
         self._torques = [self._add("actuatorfrc", actuator=each) for each in scene.robot.actuators]
@@ -307,6 +308,18 @@ class QualityMeter(MeasuringPart):
     def _positions(self, simulation: Simulation) -> Array:
         """Returns the positions `(..., 4 k)` of the objects, in units of their tolerances."""
         return simulation.read("qpos", self._columns) * self._scales
+
+
+def _moving_root(robot: Robot) -> mjcf.Element:
+    """Returns the body on which all moving parts of a robot hang: the outermost with a joint."""
+    base = mjcf.get_attachment_frame(robot.mjcf_model)
+    root = body = robot.joints[0].parent
+    while body is not base:
+        if body.joint:
+            root = body
+        is_outermost = body.parent.tag == "worldbody"
+        body = mjcf.get_attachment_frame(body.root) if is_outermost else body.parent
+    return root
 
 
 def _object_joints(scene: Scene) -> tuple[list[mjcf.Element], list[mjcf.Element]]:

@@ -12,6 +12,7 @@ import pytest
 from dm_control import mjcf
 from dm_control.entities.props.primitive import Primitive
 from gymnasium.utils.env_checker import data_equivalence
+from helpers.contacts import forces_by_hand
 from helpers.errors import refused
 from helpers.sweeps import brief, walk
 
@@ -185,32 +186,6 @@ def test_an_environment_of_dm_control_and_its_pickle_have_the_quality():
     assert all(type(value) in (int, float) for value in environment.task.quality.values())
 
 
-def by_hand(environment):
-    """Sums of the normal forces on the arm without the hand, and on the hand; None for too many contacts."""
-    model, data = environment.physics.model.ptr, environment.physics.data.ptr
-    robot = environment.task.robot
-    last = environment.physics.bind(robot.joints[robot.arm_size - 1].parent).element_id
-    base = environment.physics.bind(mjcf.get_attachment_frame(robot.mjcf_model)).element_id
-    of_robot, of_hand = _subtree(model, base), _subtree(model, last)
-    sums, counts = {"arm": 0.0, "hand": 0.0}, np.zeros(2, int)
-    for number in range(data.ncon):
-        force = np.zeros(6)
-        mujoco.mj_contactForce(model, data, number, force)
-        bodies = {int(model.geom_bodyid[geom]) for geom in data.contact[number].geom}
-        counts += [bool(bodies & of_robot), bool(bodies & of_hand)]
-        if bodies & of_robot and not bodies <= of_robot:
-            sums["hand" if bodies & of_hand else "arm"] += force[0]
-    return None if max(counts) > NUM_CONTACTS else (sums["arm"], sums["hand"])
-
-
-def _subtree(model, root):
-    found = {root}
-    for body in range(root + 1, model.nbody):
-        if model.body_parentid[body] in found:
-            found.add(body)
-    return found
-
-
 @pytest.mark.parametrize(
     "count", [pytest.param(60, marks=pytest.mark.full), pytest.param(1_000, marks=pytest.mark.nightly)]
 )
@@ -230,7 +205,8 @@ def test_forces_are_those_of_single_contacts_summed_by_hand(count):
         data.qvel[:] = generator.normal(scale=0.5, size=model.nv)
         mujoco.mj_step(model, data)
         forces = quality.contact_forces(task.meter.read(task.simulation).contacts)[..., 0]
-        if (expected := by_hand(environment)) is not None:
+        expected, count_of_robot = forces_by_hand(environment, data)
+        if count_of_robot <= NUM_CONTACTS:
             np.testing.assert_allclose(forces, expected, rtol=1e-9, atol=1e-6)
             if any(expected):
                 compared.append(expected)
