@@ -331,7 +331,7 @@ class SuiteTask(composer.Task):
             self.set_timesteps(control_timestep=float(timestep), physics_timestep=self.physics_timestep)
 
     def measure_quality(self) -> None:
-        """Measures the quality of all episodes; to be called once, before an environment is built; see `tasks.episode.quality`.
+        """Measures the quality of all episodes; to be called once, before an environment is built.
 
         It must come after `use_control_timestep`, and after all entities have been attached.
         """
