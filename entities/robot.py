@@ -13,7 +13,7 @@ from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
-from kitchen_suite import checks
+from kitchen_suite import installation
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.joints import JointObservables
 from kitchen_suite.entities.parameters import (
@@ -246,7 +246,7 @@ def load_package_mjcf(
     """
     spec = importlib.util.find_spec(package)
     if spec is None or not spec.submodule_search_locations:
-        raise ImportError(f"robot {robot!r} needs {package}: {install or checks.install_command('arms')}")
+        raise ImportError(f"robot {robot!r} needs {package}: {install or installation.install_command('arms')}")
     return load_mjcf(Path(next(iter(spec.submodule_search_locations)), file), visuals=visuals)
 
 

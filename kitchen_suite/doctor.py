@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import kitchen_suite
-from kitchen_suite import checks, files, suite
+from kitchen_suite import checks, files, installation, suite
 from kitchen_suite.episodes.play import VectorRollout, make_controller
 from kitchen_suite.episodes.report import print_line
 from kitchen_suite.episodes.spec import EnvironmentSpec
@@ -39,7 +39,7 @@ _DIFFERS = "DIFFERS from that known for this kind of processor"
 
 def circumstances() -> dict[str, str]:
     """Returns the versions and the kind of processor that decide which digests are expected."""
-    return {**{name: checks.version_of(name) or _MISSING for name in _SIMULATING}, "processor": processor()}
+    return {**{name: installation.version_of(name) or _MISSING for name in _SIMULATING}, "processor": processor()}
 
 
 def digests() -> Iterator[tuple[str, str]]:
@@ -108,7 +108,7 @@ def _facts() -> dict[str, str]:
         "python": f"{platform.python_version()} in {sys.prefix}",
         "system": platform.platform(),
         "processor": f"{processor()}; {processors()} usable",
-        **{name: checks.version_of(name) or _MISSING for name in PACKAGES},
+        **{name: installation.version_of(name) or _MISSING for name in PACKAGES},
         "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, to the bit; others: docs/guide/franka_kitchens.md",
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
@@ -153,11 +153,13 @@ def _extras() -> dict[str, str]:
         package, extra = re.match(r"[\w.-]+", requirement), re.search(r"extra == ['\"]([\w-]+)", requirement)
         if package and extra and package[0] != "kitchen-suite":
             needed.setdefault(extra[1], []).append(package[0])
-    missing = {extra: [each for each in packages if not checks.version_of(each)] for extra, packages in needed.items()}
+    missing = {
+        extra: [each for each in packages if not installation.version_of(each)] for extra, packages in needed.items()
+    }
     return {extra: _without(extra, each) if each else "installed" for extra, each in missing.items()}
 
 
 def _without(extra: str, packages: list[str]) -> str:
-    python = checks.EXTRA_PYTHONS.get(extra, (0, 0))
+    python = installation.EXTRA_PYTHONS.get(extra, (0, 0))
     reason = f"; it needs Python {python[0]}.{python[1]}" if sys.version_info < python else ""
     return f"without {', '.join(packages)}{reason}"

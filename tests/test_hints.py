@@ -13,7 +13,7 @@ import pytest
 from helpers.errors import refused
 from packaging.requirements import Requirement
 
-from kitchen_suite import checks, policies, suite
+from kitchen_suite import checks, installation, policies, suite
 from kitchen_suite.commands import NAMES, evaluate, find, record, rollout, train
 from kitchen_suite.datasets.formats import FORMATS
 from kitchen_suite.datasets.minari import check_id
@@ -195,13 +195,13 @@ except ImportError as error:
 @pytest.mark.parametrize(("version", "said"), [((3, 11, 7), True), ((3, 12, 1), False)])
 def test_an_extra_for_newer_pythons_says_so(monkeypatch, version, said):
     monkeypatch.setattr(sys, "version_info", version)
-    assert ("Python 3.12" in checks.install_command("lerobot")) is said
-    assert "Python" not in checks.install_command("video")
+    assert ("Python 3.12" in installation.install_command("lerobot")) is said
+    assert "Python" not in installation.install_command("video")
 
 
 def pip_requirement(extra="video"):
     """Returns what the command of a message makes pip install, and whether it can be edited there."""
-    program, verb, *options, requirement = shlex.split(checks.install_command(extra))
+    program, verb, *options, requirement = shlex.split(installation.install_command(extra))
     assert (program, verb) == ("pip", "install")
     return requirement, options
 
@@ -249,7 +249,7 @@ SOURCES = [
 def test_an_installed_suite_names_where_it_came_from(monkeypatch, tmp_path, source, requirement):
     record_source(monkeypatch, tmp_path, source)
     if not source:  # The code is in site-packages, not in a checkout.
-        monkeypatch.setattr(checks, "__file__", str(tmp_path / "kitchen_suite" / "checks.py"))
+        monkeypatch.setattr(installation, "__file__", str(tmp_path / "kitchen_suite" / "checks.py"))
     found, options = pip_requirement()
     assert (found, options) == (requirement, [])
     if not requirement.startswith("/"):

@@ -25,12 +25,25 @@ ORDER = (
     "gymnasium_env",
     "policies",
     "suite",
+    "agreement",
     "domains",
     "environment",
     "tasks",
     "entities",
 )
-GROUND = ("", "checks", "closing", "files", "imports", "lazy", "names", "signatures", "types", "versions")
+GROUND = (
+    "",
+    "checks",
+    "closing",
+    "files",
+    "imports",
+    "installation",
+    "lazy",
+    "names",
+    "signatures",
+    "types",
+    "versions",
+)
 BESIDE = {"rendering": ()}
 # For users: `kitchen_suite.experts`, `kitchen_suite.load` and `python -m kitchen_suite`.
 ALIASES = {

@@ -10,7 +10,7 @@ from typing import Any
 
 from tabulate import tabulate
 
-from kitchen_suite import checks
+from kitchen_suite import installation
 from kitchen_suite.versions import installed_versions
 
 # Packages that are measured beside the suite.
@@ -187,6 +187,6 @@ def command_line(parser: argparse.ArgumentParser, options: argparse.Namespace) -
 
 def versions() -> dict[str, str]:
     """Returns the versions that speed depends on: of Python, the suite, its packages, and others where installed."""
-    others = {name: checks.version_of(name) for name in _OTHERS}
+    others = {name: installation.version_of(name) for name in _OTHERS}
     found = {name: version for name, version in others.items() if version}
     return {"python": platform.python_version(), **installed_versions(), **found}

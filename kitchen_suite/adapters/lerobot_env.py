@@ -19,7 +19,7 @@ from kitchen_suite.closing import closed_on_error
 from kitchen_suite.datasets.lerobot import Feature, LeRobotObservations, frames_per_second
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.vector_env import checks as vector_checks
+from kitchen_suite.vector_env import arguments as vector_arguments
 from kitchen_suite.vector_env.base import StepResult, SuiteVectorEnv
 
 _FILM_SIZE = {"width": 320, "height": 240}  # Size of films [pixels].
@@ -36,7 +36,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
 
     def __init__(self, environments: SuiteVectorEnv) -> None:
         """Adapts environments of autoreset mode `SameStep` and an observation type of `datasets.lerobot.OBS_TYPES`."""
-        vector_checks.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
+        vector_arguments.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
         self.environments, self.num_envs = environments, environments.num_envs
         self._observations = LeRobotObservations(environments.template_env)
         self.spec, self.render_mode = environments.spec, environments.render_mode

@@ -20,7 +20,7 @@ from kitchen_suite.closing import closed_on_error
 from kitchen_suite.evaluation.evaluate import Evaluation, evaluate
 from kitchen_suite.evaluation.plan import Replaced, make_plan
 from kitchen_suite.policies import BATCH, PolicyRef
-from kitchen_suite.vector_env import checks as vector_checks
+from kitchen_suite.vector_env import arguments as vector_arguments
 from kitchen_suite.vector_env.base import SHARED_ATTRIBUTES, SHARED_METHODS, SuiteVectorEnv
 
 Indices = int | Iterable[int] | None
@@ -45,7 +45,7 @@ class SuiteVecEnv(VecEnv):
             `goal_format="flat"`.
           info_keys: infos that each step returns, such as the masks of tasks for hindsight relabelling.
         """
-        vector_checks.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
+        vector_arguments.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
         space = environments.single_observation_space
         if isinstance(space, spaces.Dict) and any(isinstance(part, spaces.Dict) for part in space.values()):
             raise ValueError("Stable-Baselines3 does not support nested observations: pass goal_format='flat'")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from absl.flags import DEFINE_boolean, DEFINE_enum, DEFINE_integer, DEFINE_list, FlagValues
 
-from kitchen_suite import checks, suite
+from kitchen_suite import checks, installation, suite
 from kitchen_suite.commands import flags
 from kitchen_suite.commands.command import Command
 from kitchen_suite.training.ranges import ranges
@@ -90,7 +90,7 @@ def _by_domain(name: str) -> str:
 
 def run(given: FlagValues) -> None:
     """Trains the policy, and films it where that is wanted."""
-    checks.installed(("tensorboard", "torch"), "kitchen-train", "train")
+    installation.installed(("tensorboard", "torch"), "kitchen-train", "train")
 
     from kitchen_suite.episodes import video
     from kitchen_suite.episodes.report import Report, print_line

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from absl.flags import DEFINE_boolean, DEFINE_integer, DEFINE_string, FlagValues
 
-from kitchen_suite import checks, suite
+from kitchen_suite import checks, installation, suite
 from kitchen_suite.commands import flags
 from kitchen_suite.commands.command import Command
 
@@ -51,7 +51,7 @@ def define(values: FlagValues) -> None:
 
 def run(given: FlagValues) -> None:
     """Serves the page and plays episodes until it is interrupted."""
-    checks.installed(("viser", "mjviser"), "kitchen-view", "web")
+    installation.installed(("viser", "mjviser"), "kitchen-view", "web")
     if given.start_from is None and (given.start_episode or given.start_step is not None):
         raise ValueError("start_episode and start_step need start_from, the folder of the episode")
     for name in ("output", "start_from"):

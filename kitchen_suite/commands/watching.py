@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from absl.flags import FlagValues
 from tqdm import tqdm
 
-from kitchen_suite import checks
+from kitchen_suite import installation
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
@@ -74,7 +74,7 @@ def check(given: FlagValues, environment: "Environment") -> None:
 def check_page(given: FlagValues) -> None:
     """Raises an ImportError if a web page is wanted that cannot be made here."""
     if given.web:
-        checks.installed(("viser", "mjviser"), "a web page", "web")
+        installation.installed(("viser", "mjviser"), "a web page", "web")
 
 
 def page(given: FlagValues, num_episodes: int | None) -> "contextlib.AbstractContextManager[Watch]":

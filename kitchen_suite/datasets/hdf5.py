@@ -16,7 +16,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from kitchen_suite import checks, files
+from kitchen_suite import files, installation
 
 _CHUNK_ROWS, _CHUNK_BYTES = 1024, 2**18  # Most rows, and about the most bytes, of a chunk.
 
@@ -40,7 +40,7 @@ def new_file(path: Path) -> Iterator[Any]:
 
     Raises an ImportError without h5py, and a FileExistsError if there is something at `path`.
     """
-    checks.installed(["h5py"], "a dataset in HDF5", "record")
+    installation.installed(["h5py"], "a dataset in HDF5", "record")
     with files.atomic_create(path) as partial:
         check_space(partial, 0)
         with library().File(partial, "w") as file:
@@ -111,7 +111,7 @@ def read_arrays(path: Path, names: Collection[str]) -> dict[str, NDArray]:
 
     Raises an ImportError without h5py, and an OSError if the file cannot be read, or they are anything else.
     """
-    checks.installed(["h5py"], "a file of D4RL", "record")
+    installation.installed(["h5py"], "a file of D4RL", "record")
     with files.reading(path, "HDF5"), library().File(path, "r") as file:
         found = {name: _checked(file, name) for name in names if file.id.links.exists(name.encode())}
         # Those of a null dataspace have nothing.

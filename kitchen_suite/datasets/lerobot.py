@@ -20,7 +20,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from kitchen_suite import checks, files
+from kitchen_suite import files, installation
 from kitchen_suite.episodes.episode import PHYSICS_STATE, Episode, unflatten
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
@@ -262,7 +262,7 @@ def import_lerobot() -> Any:
     try:
         return importlib.import_module("lerobot.datasets.lerobot_dataset")
     except ImportError as error:
-        raise ImportError(f"the dataset needs LeRobot ({error}): {checks.install_command('lerobot')}") from error
+        raise ImportError(f"the dataset needs LeRobot ({error}): {installation.install_command('lerobot')}") from error
 
 
 @contextlib.contextmanager

@@ -13,7 +13,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from kitchen_suite import checks, files
+from kitchen_suite import checks, files, installation
 from kitchen_suite.datasets import hdf5
 from kitchen_suite.episodes.episode import Episode, unflatten
 from kitchen_suite.episodes.spec import EpisodeSpec
@@ -193,7 +193,7 @@ def import_minari() -> Any:
         hdf5.library()
         return importlib.import_module("minari")
     except ImportError as error:
-        raise ImportError(f"a dataset needs Minari ({error}): {checks.install_command('record')}") from error
+        raise ImportError(f"a dataset needs Minari ({error}): {installation.install_command('record')}") from error
 
 
 def check_id(dataset_id: str) -> None:

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
-from kitchen_suite import checks
+from kitchen_suite import checks, installation
 from kitchen_suite.vector_env.base import processors
 from kitchen_suite.versions import installed_versions
 
@@ -64,7 +64,7 @@ class Cluster:
             if cpus < MIN_CPUS:
                 raise ValueError(f"cpus_per_worker must be at least {MIN_CPUS:g}, got {self.cpus_per_worker}")
         if importlib.util.find_spec("ray") is None:
-            raise ImportError(f"workers need Ray: {checks.install_command('ray')}")
+            raise ImportError(f"workers need Ray: {installation.install_command('ray')}")
         if self.address not in (None, "auto"):
             _check_reachable(self.address)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import checks, files
+from kitchen_suite import files, installation
 from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.episode import EpisodeBuffer, Summary, Watch
 from kitchen_suite.episodes.play import SingleRollout
@@ -25,7 +25,7 @@ from kitchen_suite.rendering import cameras
 def check_ffmpeg() -> None:
     """Raises an ImportError unless imageio-ffmpeg, and the ffmpeg binary that comes with it, can write videos."""
     if importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise ImportError(f"a video needs imageio-ffmpeg: {checks.install_command('video')}")
+        raise ImportError(f"a video needs imageio-ffmpeg: {installation.install_command('video')}")
     import imageio_ffmpeg
 
     try:

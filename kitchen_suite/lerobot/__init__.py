@@ -4,9 +4,9 @@ Otherwise `--env.discover_packages_path=kitchen_suite.lerobot` makes it do so. I
 of environment for each domain: `--env.type=kitchen`, `--env.type=open_cabinet`. Needs the extra `lerobot`.
 """
 
-from kitchen_suite import checks as _checks
+from kitchen_suite import installation as _installation
 
-_checks.installed(("lerobot",), "kitchen_suite.lerobot", "lerobot")
+_installation.installed(("lerobot",), "kitchen_suite.lerobot", "lerobot")
 
 from kitchen_suite.lerobot.configs import SuiteEnvConfig as SuiteEnvConfig  # noqa: E402
 from kitchen_suite.lerobot.configs import make_env as make_env  # noqa: E402

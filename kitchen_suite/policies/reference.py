@@ -13,7 +13,7 @@ import dm_env
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import checks, imports
+from kitchen_suite import checks, imports, installation
 from kitchen_suite.names import EXTRA_PACKAGES
 from kitchen_suite.policies.registry import ADDRESS, POLICIES, Policy, PolicyBuilder, PolicyError, PolicySource
 
@@ -172,7 +172,7 @@ class PolicyRef:
                 function, text, environment, takes=self.takes, privileged=privileged
             )
         if source.extra:
-            checks.installed(EXTRA_PACKAGES[source.extra], f"policy {checks.shown(text)}", source.extra)
+            installation.installed(EXTRA_PACKAGES[source.extra], f"policy {checks.shown(text)}", source.extra)
         build = source.for_episodes(digest)
 
         def build_with_checks(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kitchen_suite import checks, files
+from kitchen_suite import checks, files, installation
 
 if TYPE_CHECKING:
     from dm_control import mjcf
@@ -36,7 +36,7 @@ _NUM_SLICES, _NUM_STACKS, _NUM_QUADS = 20, 4, 1
 
 def missing_packages() -> list[str]:
     """Returns the packages of the extra `pixels` that are not installed."""
-    return [name for name in PACKAGES if not checks.version_of(name)]
+    return [name for name in PACKAGES if not installation.version_of(name)]
 
 
 def is_large(stl: bytes) -> bool:
@@ -50,7 +50,7 @@ def light_stl(stl: bytes) -> bytes:
     It is read from the cache folder. If there is none, or a damaged one, it is made, and written there if possible.
     """
     # By the contents of the mesh and all that the result depends on.
-    settings = (MAX_FACES, _AGGRESSION, *((name, checks.version_of(name)) for name in PACKAGES))
+    settings = (MAX_FACES, _AGGRESSION, *((name, installation.version_of(name)) for name in PACKAGES))
     digest, root = hashlib.sha256(repr(settings).encode() + stl).hexdigest(), files.cache_folder()
     path = root and root / "light-meshes" / f"{digest}.npz"
     if path and (kept := _read(path)):
@@ -116,7 +116,7 @@ def set_render_quality(
         if warn:
             warnings.warn(
                 "render_quality 'fast' is up to three times as fast with light meshes, which need "
-                f"{' and '.join(missing)}: {checks.install_command('pixels')}",
+                f"{' and '.join(missing)}: {installation.install_command('pixels')}",
                 stacklevel=2,
             )
         return

@@ -27,7 +27,8 @@ from kitchen_suite.gymnasium_env.base import INSTRUCTION, RESET_MASK, STATE, Sui
 from kitchen_suite.gymnasium_env.observations import Present
 from kitchen_suite.rendering.cameras import CameraParameters
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES
-from kitchen_suite.vector_env import checks as vector_checks
+from kitchen_suite.vector_env import arguments as vector_arguments
+from kitchen_suite.vector_env import infos as info_arrays
 from kitchen_suite.vector_env.episodes import BatchEpisodes, BatchPictures
 from kitchen_suite.vector_env.gymnasium_names import GymnasiumNames
 
@@ -324,15 +325,15 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         """
         self._check_process()
         task = self._task
-        seeds = vector_checks.seeds(seed, self.num_envs)
+        seeds = vector_arguments.seeds(seed, self.num_envs)
         names = (RESET_MASK, VARIATION, VARIATION_VALUES, *task.requests.options)
         chosen = checks.reset_options(options, names, elsewhere=(STATE,))
         mask = np.full(self.num_envs, True)
         if RESET_MASK in chosen:
-            mask = vector_checks.checked_mask(chosen[RESET_MASK], self.num_envs, RESET_MASK)
+            mask = vector_arguments.checked_mask(chosen[RESET_MASK], self.num_envs, RESET_MASK)
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
-        each = vector_checks.options_of_each(chosen, task.requests.options, mask)
+        each = vector_arguments.options_of_each(chosen, task.requests.options, mask)
         resets = {i: self._tasks[i].checked_reset(own) for i, own in each.items()}
         for own in each.values():
             self._template_env.check_pictures(own)
@@ -373,7 +374,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         """
         self._check_process()
         self._check_episodes(self._everyone)
-        return self._step(vector_checks.actions(actions, self.action_space), self._no_one)
+        return self._step(vector_arguments.actions(actions, self.action_space), self._no_one)
 
     def step_some(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> StepResult:
         """Makes a control step in some environments; the others are not simulated, and their episodes end.
@@ -392,10 +393,10 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
           ValueError: the autoreset mode is not `Disabled`. Other errors are those of `step`, where the mask is True.
         """
         self._check_process()
-        vector_checks.autoreset_mode(self.autoreset_mode, AutoresetMode.DISABLED)
-        mask = vector_checks.checked_mask(mask, self.num_envs, "mask")
+        vector_arguments.autoreset_mode(self.autoreset_mode, AutoresetMode.DISABLED)
+        mask = vector_arguments.checked_mask(mask, self.num_envs, "mask")
         self._check_episodes(mask)
-        checked = vector_checks.actions(actions, self.action_space)
+        checked = vector_arguments.actions(actions, self.action_space)
         # Rows that are not used are still checked and converted, so they have to be meaningful.
         checked[~mask] = checked[mask.argmax()]
         return self._step(checked, ~mask)
@@ -413,9 +414,9 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
             # The episode of an environment that is left out ends.
             self._ended = terminations | truncations | waiting
             self._episodes.start(restarting)
-            infos = vector_checks.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}
+            infos = info_arrays.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}
             infos |= self._restart_in_same_step()
-            infos |= vector_checks.with_masks(self._get_info(), self._everyone)
+            infos |= info_arrays.with_masks(self._get_info(), self._everyone)
             infos |= self._episodes.masked_variation_info()
             return self._get_obs(), rewards, terminations, truncations, infos
 
@@ -446,7 +447,7 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
 
     def _masked_infos(self, mask: NDArray[np.bool_]) -> dict[str, Any]:
         """Returns all infos in fresh arrays, with masks; 0 or None where the mask `(n,)` is False."""
-        return vector_checks.masked({**self._get_info(), **self._episodes.variation_info()}, mask)
+        return info_arrays.masked({**self._get_info(), **self._episodes.variation_info()}, mask)
 
     def render(self) -> tuple[NDArray, ...] | None:
         """Returns an image of every environment; see `render_some`."""

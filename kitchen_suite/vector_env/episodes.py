@@ -25,7 +25,7 @@ from kitchen_suite.tasks.episode.runner import EpisodeRunner
 from kitchen_suite.tasks.episode.state import EpisodeState
 from kitchen_suite.tasks.requests import Reset
 from kitchen_suite.tasks.variations.variations import SLEEP
-from kitchen_suite.vector_env import checks as vector_checks
+from kitchen_suite.vector_env import infos as info_arrays
 from kitchen_suite.vector_env.batches import JoinedPusher, JoinedSensors, StateCopies, make_simulations
 
 
@@ -254,7 +254,7 @@ class BatchEpisodes:
         named = {} if physics == EXACT else {PHYSICS_KEY: np.full(self.steps.shape, physics, object)}
         changed = self._environments[0].changed_timestep.items()
         timestep = {name: np.full(self.steps.shape, value) for name, value in changed}
-        return {**vector_checks.copied(self.state.variation), **named, **timestep}
+        return {**info_arrays.copied(self.state.variation), **named, **timestep}
 
     def masked_variation_info(self) -> dict[str, Any]:
         """Returns the infos on variation and physics beside masks that are True everywhere, in read-only arrays.
@@ -262,11 +262,11 @@ class BatchEpisodes:
         Arrays are the same until episodes start, which leaves them as they are; the dicts are fresh.
         """
         if self._masked_variation_info is None:
-            infos = vector_checks.with_masks(self.variation_info(), np.full(self.steps.shape, True))
+            infos = info_arrays.with_masks(self.variation_info(), np.full(self.steps.shape, True))
             for array in tree.flatten(infos):
                 array.flags.writeable = False
             self._masked_variation_info = infos
-        return vector_checks.fresh_dicts(self._masked_variation_info)
+        return info_arrays.fresh_dicts(self._masked_variation_info)
 
     def show(self, i: int) -> None:
         """Copies simulation `i` to its environment, to render it; the next `start` overwrites it."""

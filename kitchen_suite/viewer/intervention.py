@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import checks
+from kitchen_suite import checks, installation
 from kitchen_suite.closing import closed_on_error
 from kitchen_suite.episodes.report import print_line
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -40,7 +40,7 @@ class InterventionWrapper(gymnasium.Wrapper):
         With a `token`, which the address has, other users of the machine are refused. Raises an ImportError without the
         extra `experts`.
         """
-        checks.installed(EXTRA_PACKAGES["experts"], "InterventionWrapper", "experts")
+        installation.installed(EXTRA_PACKAGES["experts"], "InterventionWrapper", "experts")
         from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 
         super().__init__(env)

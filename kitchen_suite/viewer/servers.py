@@ -10,10 +10,10 @@ import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from kitchen_suite import checks
+from kitchen_suite import installation
 
 # Before their import, so that a missing one is named with what installs it.
-checks.installed(("mjviser", "viser"), "kitchen_suite.viewer", "web")
+installation.installed(("mjviser", "viser"), "kitchen_suite.viewer", "web")
 
 import viser  # noqa: E402
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import checks, policies
+from kitchen_suite import installation, policies
 from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.episode import Episode
 from kitchen_suite.episodes.play import RewindableRollout
@@ -77,7 +77,7 @@ class TeleoperatedEpisode(LiveEpisode):
 
     def __init__(self, spec: EpisodeSpec, policy: PolicyRef | None = None, *, render_quality: str = "fast") -> None:
         """Builds the environment of a specification, and the policy that acts until the person takes over, if any."""
-        checks.installed(EXTRA_PACKAGES["experts"], "moving the hand", "experts")
+        installation.installed(EXTRA_PACKAGES["experts"], "moving the hand", "experts")
         if policy and policy.takes != policies.TIMESTEP:
             raise ValueError("a person can take over from a policy of time steps alone, not from one of observations")
         build_other = policy.builder(spec.policy_sha256) if policy else None

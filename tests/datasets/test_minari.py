@@ -12,7 +12,7 @@ from helpers.episodes import load_episode
 from helpers.sweeps import brief_named
 from minari.dataset.minari_dataset import MinariDataset
 
-from kitchen_suite import checks
+from kitchen_suite import installation
 from kitchen_suite.commands import convert, record
 from kitchen_suite.datasets.minari import write
 from kitchen_suite.episodes.episode import flatten
@@ -183,7 +183,7 @@ def test_without_minari_the_message_names_what_to_install(make, monkeypatch):
     monkeypatch.setitem(sys.modules, "minari", None)
     status, out, err = make()
     assert (status, out, err.count("\n")) == (2, "", 1)
-    assert checks.install_command("record") in err
+    assert installation.install_command("record") in err
 
 
 def test_the_environment_is_recovered_where_the_suite_is_not_imported_yet(make, monkeypatch):

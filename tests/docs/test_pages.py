@@ -7,7 +7,7 @@ import re
 import pytest
 from docs_blocks import ROOT
 
-from kitchen_suite import checks
+from kitchen_suite import installation
 
 DOCS = ROOT / "docs"
 # They describe both forms, and earlier ones.
@@ -59,7 +59,7 @@ def test_pages_install_the_suite_in_the_form_of_the_errors_in_a_checkout(monkeyp
     # Wherever this suite was installed from.
     monkeypatch.setattr(importlib.metadata, "distribution", not_installed)
     monkeypatch.chdir(ROOT)
-    requirement = checks.install_command("train").split("'")[1].removesuffix("[train]")
+    requirement = installation.install_command("train").split("'")[1].removesuffix("[train]")
     for page in (page for page in [*PAGES, *DOCS.rglob("*.py"), *DOCS.rglob("*.ipynb")] if page.name not in EXEMPT):
         text = page.read_text(encoding="utf-8")
         named = re.findall(r"pip install (?:-e )?'?(\.|kitchen-suite)(?=[\['\s])", text)

@@ -12,7 +12,7 @@ import pytest
 from helpers.errors import refused
 
 import kitchen_suite
-from kitchen_suite import EnvironmentSpec, checks
+from kitchen_suite import EnvironmentSpec, installation
 from kitchen_suite.commands import evaluate, record, rollout
 from kitchen_suite.episodes.cluster import Cluster, ClusterError, _checked
 from kitchen_suite.episodes.play import play_part, play_singly
@@ -80,7 +80,7 @@ def test_the_error_without_ray_says_what_to_install(run, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "ray" else find(name))
     status, err = run("--workers=2")
     assert status == 2
-    assert f"workers need Ray: {checks.install_command('ray')}" in err
+    assert f"workers need Ray: {installation.install_command('ray')}" in err
 
 
 def test_workers_make_no_video(capsys, ray_found):

@@ -15,7 +15,7 @@ import pytest
 from dm_control.rl import control
 from helpers.processes import open_process
 
-from kitchen_suite import checks
+from kitchen_suite import installation
 from kitchen_suite.commands import play, rollout
 from kitchen_suite.environment import Environment
 from kitchen_suite.policies import trained as trained_policy
@@ -252,7 +252,7 @@ NO_FFMPEG = "a video needs imageio-ffmpeg: "
 def test_a_video_without_ffmpeg_names_what_to_install(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     monkeypatch.setattr(gl, "prepare", lambda rendering: None)
-    assert run("--video=film.mp4") == (2, "", f"kitchen-play: {NO_FFMPEG}{checks.install_command('video')}\n")
+    assert run("--video=film.mp4") == (2, "", f"kitchen-play: {NO_FFMPEG}{installation.install_command('video')}\n")
 
 
 def without_ffmpeg(monkeypatch):

@@ -16,7 +16,7 @@ from helpers.episodes import assert_same_arrays, load_episode, nested
 from helpers.processes import open_process
 from helpers.sweeps import brief
 
-from kitchen_suite import checks, suite
+from kitchen_suite import installation, suite
 from kitchen_suite.commands import rollout
 from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.spec import EpisodeSpec
@@ -418,7 +418,7 @@ def test_a_video_without_ffmpeg_names_what_to_install(run, monkeypatch):
     monkeypatch.setattr(gl, "prepare", lambda rendering: None)
     status, out, err = run("--video=film.mp4")
     assert (status, out) == (2, "")
-    assert f"imageio-ffmpeg: {checks.install_command('video')}" in err
+    assert f"imageio-ffmpeg: {installation.install_command('video')}" in err
 
 
 def in_a_process(*arguments, unset=(), **variables):

@@ -9,7 +9,7 @@ import pytest
 from helpers import pages
 from helpers.episodes import assert_same_arrays, load_episode
 
-from kitchen_suite import checks
+from kitchen_suite import installation
 from kitchen_suite.commands import evaluate, play, record, replay, rollout
 
 TIMESTEP = 0.08  # Of the kitchen [s]
@@ -33,7 +33,7 @@ def test_a_page_without_the_extra_names_what_to_install(folder, refusal, monkeyp
     )
     for name in ("episode_page", "scene", "servers"):
         monkeypatch.delitem(sys.modules, f"kitchen_suite.viewer.{name}", raising=False)
-    assert checks.install_command("web") in refusal(rollout, "--web=page.html")
+    assert installation.install_command("web") in refusal(rollout, "--web=page.html")
 
 
 @pytest.mark.web

@@ -8,7 +8,7 @@ import pytest
 from helpers.episodes import play
 from helpers.sweeps import brief, brief_named
 
-from kitchen_suite import checks, experts, policies, suite
+from kitchen_suite import experts, installation, policies, suite
 from kitchen_suite.commands import rollout
 from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
@@ -292,7 +292,7 @@ def test_the_command_line_knows_the_expert(capsys):
 def test_without_the_extra_one_line_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setitem(EXTRA_PACKAGES, "experts", ("daqp", "mink_that_is_not_there"))
     assert rollout.main(["--policy=expert", "--num_episodes=1"]) == 2
-    install = checks.install_command("experts")
+    install = installation.install_command("experts")
     assert capsys.readouterr().err == f"kitchen-rollout: policy 'expert' needs mink_that_is_not_there: {install}\n"
 
 

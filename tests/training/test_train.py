@@ -14,7 +14,7 @@ import pytest
 from help_text import flag_lines
 from helpers.processes import open_process
 
-from kitchen_suite import checks
+from kitchen_suite import installation
 from kitchen_suite.commands import play, train
 from kitchen_suite.episodes import video
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
@@ -414,7 +414,7 @@ def test_a_missing_extra_names_what_to_install(run, monkeypatch, missing):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in missing else object())
     status, out, err = run()
     assert (status, out) == (2, "")
-    assert f"needs {' and '.join(missing)}: {checks.install_command('train')}" in err
+    assert f"needs {' and '.join(missing)}: {installation.install_command('train')}" in err
 
 
 @pytest.mark.parametrize("flag", ["--help", "-h"])

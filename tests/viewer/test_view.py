@@ -10,7 +10,7 @@ import sys
 import pytest
 from helpers.viser_client import TIMEOUT, Browser
 
-from kitchen_suite import checks
+from kitchen_suite import installation
 from kitchen_suite.commands import view
 
 
@@ -18,7 +18,7 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(capsys, monk
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert view.main([]) == 2
     err = capsys.readouterr().err
-    assert f"needs viser and mjviser: {checks.install_command('web')}" in err
+    assert f"needs viser and mjviser: {installation.install_command('web')}" in err
 
 
 @pytest.mark.web

@@ -3,10 +3,10 @@
 import numpy as _np
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
-from kitchen_suite import checks as _checks
+from kitchen_suite import installation as _installation
 from kitchen_suite.names import EXTRA_PACKAGES as _EXTRA_PACKAGES
 
-_checks.installed(_EXTRA_PACKAGES["experts"], "kitchen_suite.experts", "experts")
+_installation.installed(_EXTRA_PACKAGES["experts"], "kitchen_suite.experts", "experts")
 
 # mink imports JAX where that is installed, which draws from NumPy's global random state.
 _state = _np.random.get_state()

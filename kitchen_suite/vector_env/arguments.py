@@ -1,6 +1,6 @@
-"""Checks of the arguments of vectorised environments, and conversions of infos with a leading axis.
+"""Checks of the arguments of vectorised environments.
 
-The checks raise a TypeError for a value of the wrong type, and a ValueError for another that is refused.
+They raise a TypeError for a value of the wrong type, and a ValueError for another that is refused.
 """
 
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import tree
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
@@ -105,34 +104,3 @@ def options_of_each(
         }
         for i in mask.nonzero()[0].tolist()
     }
-
-
-def copied(infos: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns nested dicts of arrays with copies of the arrays; faster than dm-tree where there are many."""
-    return {key: copied(part) if isinstance(part, dict) else part.copy() for key, part in infos.items()}
-
-
-def fresh_dicts(infos: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns copies of nested dicts with the same arrays."""
-    return {key: fresh_dicts(part) if isinstance(part, dict) else part for key, part in infos.items()}
-
-
-def with_masks(infos: Mapping[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
-    """Returns infos with a fresh copy of the mask `(n,)` under `_key` beside each `key`, as Gymnasium has them.
-
-    Dicts among the infos have masks of their own beside each of their keys.
-    """
-    formatted: dict[str, Any] = {}
-    # One allocation for all copies.
-    copies = np.repeat(mask[np.newaxis], len(infos), axis=0)
-    for (key, part), copy in zip(infos.items(), copies, strict=True):
-        formatted[key] = with_masks(part, mask) if isinstance(part, dict) else part
-        formatted[f"_{key}"] = copy
-    return formatted
-
-
-def masked(infos: Mapping[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
-    """Returns infos with masks, after setting the arrays to 0 or None where the mask `(n,)` is False."""
-    for array in tree.flatten(infos):
-        array[~mask] = None if array.dtype == object else 0
-    return with_masks(infos, mask)
