@@ -39,6 +39,7 @@ from kitchen_suite.tasks.pictures import GOAL_PIXELS, Pictures
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
+from kitchen_suite.tasks.settings import Settings
 from kitchen_suite.tasks.simulation import PhysicsSimulation
 from kitchen_suite.tasks.terms import (
     Condition,
@@ -122,7 +123,7 @@ class SuiteTask(composer.Task):
       extra_size: number of their elements; from the compilation on.
       flat_slices: slice of each observation in `flat_observation`, in order; from the compilation on.
       pictures: the pictures of cameras that are observed.
-      meter: measures the quality of episodes; None unless `measure_quality` was called.
+      meter: measures the quality of episodes; None unless `configure` was asked for it.
       parts: the optional parts of the task's episodes by name, in their order; from the compilation on.
       runner: runs the episodes; from the compilation on.
       simulation: access to the fields of the physics; from the compilation on.
@@ -310,15 +311,24 @@ class SuiteTask(composer.Task):
             self.scene, self.varied, *self._requested_variations, handles=handles, parameters=own, **arguments
         )
 
-    def use_control_timestep(self, timestep: float) -> None:
-        """Replaces the length of a control step [s]; to be called once, before an environment is built.
+    def configure(self, settings: Settings) -> None:
+        """Takes the length of a control step, and whether quality is measured, before an environment is built.
 
-        Targets of velocities and speeds follow. Numbers of control steps, such as `max_task_steps`, stay.
+        To be called once, after all entities have been attached. Targets of velocities and speeds follow the length.
+        Numbers of control steps, such as `max_task_steps`, stay.
 
         Raises:
-          TypeError: it is no number.
+          TypeError: the length is no number.
           ValueError: it is not positive, longer than 1 s, or no whole number of physics steps.
         """
+        if settings.control_timestep is not None:
+            self._use_control_timestep(settings.control_timestep)
+        if settings.quality:
+            self.meter = QualityMeter(self.scene, self.mdp, self.physics_steps_per_control_step)
+            self._offered_parts.append(self.meter)
+
+    def _use_control_timestep(self, timestep: float) -> None:
+        """Replaces the length of a control step [s]; raises as `configure`."""
         checks.number(timestep, "control_timestep", positive=True, maximum=MAX_CONTROL_TIMESTEP)
         steps = timestep / self.physics_timestep
         whole = max(1, round(steps))
@@ -329,14 +339,6 @@ class SuiteTask(composer.Task):
             )
         if whole != self.physics_steps_per_control_step:
             self.set_timesteps(control_timestep=float(timestep), physics_timestep=self.physics_timestep)
-
-    def measure_quality(self) -> None:
-        """Measures the quality of all episodes; to be called once, before an environment is built.
-
-        It must come after `use_control_timestep`, and after all entities have been attached.
-        """
-        self.meter = QualityMeter(self.scene, self.mdp, self.physics_steps_per_control_step)
-        self._offered_parts.append(self.meter)
 
     @property
     def root_entity(self) -> SiteArena:

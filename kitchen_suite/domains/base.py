@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from kitchen_suite.entities import Scene
     from kitchen_suite.environment import Environment
     from kitchen_suite.tasks import SuiteTask
+    from kitchen_suite.tasks.settings import Settings
 
 # Arguments of tasks that only observations depend on: states of environments with others of these fit as well.
 _OF_OBSERVATIONS = {"cameras", "depth", "extra_observables", "image_size", "segmentation"}
@@ -214,54 +215,47 @@ class Domain:
           ValueError: an unknown name, or a number out of range.
         """
         from kitchen_suite.environment import Environment, Origin
+        from kitchen_suite.tasks.settings import Settings
 
         known = self.arguments()
         checks.keywords(arguments, known, what="argument", elsewhere=OF_GYMNASIUM)
         arguments = self.with_contents(arguments)
         arguments = {name: value for name, value in arguments.items() if value is not None or name not in _OMITTED}
-        visuals = True if visuals is None else checks.boolean(visuals, "visuals")
-        if not visuals and arguments.get("cameras"):
-            raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
-        physics = self.physics if physics is None else physics
-        if physics != EXACT and "sleep" in arguments:
-            raise ValueError(f"physics={physics!r} decides whether objects sleep: leave out sleep, or physics")
-        given = environment_kwargs or {}
-        if control_timestep is not None and given.get("n_sub_steps") is not None:
-            raise ValueError("control_timestep and n_sub_steps both set the control step: leave out n_sub_steps")
-        if checks.boolean(quality, "quality") and given.get("n_sub_steps") is not None:
-            raise ValueError("quality is not measured with n_sub_steps: set control_timestep instead")
+        settings = Settings(
+            visuals=True if visuals is None else visuals,
+            render_quality=render_quality,
+            physics=self.physics if physics is None else physics,
+            control_timestep=control_timestep,
+            quality=quality,
+            episode_seeds=episode_seeds,
+        )
+        of_environment = environment_kwargs or {}
+        settings.check_beside(arguments, of_environment)
         of_scene = {name for name, argument in known.items() if argument.owner == "scene"}
         # A scene without an argument `visuals` is always built with what pictures show.
-        shared = {"visuals": visuals, **arguments}
-        scene = self.resolve("scene")(**{name: value for name, value in shared.items() if name in of_scene})
-        if physics == FAST and not scene.has_fast_physics:
-            robot = f" with robot {checks.shown(arguments['robot'])}" if "robot" in arguments else ""
-            raise ValueError(f"{self.name} has no {FAST} physics{robot}: leave out physics")
-        scene.use_physics(physics)
-        task_arguments = {name: value for name, value in arguments.items() if name not in of_scene}
-        task = self.resolve("task")(scene, **task_arguments)
-        if control_timestep is not None:
-            task.use_control_timestep(control_timestep)
-        if quality:
-            task.measure_quality()
+        shared = {"visuals": settings.visuals, **arguments}
+        scene = self._make_scene(settings, {name: value for name, value in shared.items() if name in of_scene})
+        of_task = {name: value for name, value in arguments.items() if name not in of_scene}
+        task = self.resolve("task")(scene, **of_task)
+        task.configure(settings)
         limit = self.episode_steps * task.control_timestep if time_limit == "default" else time_limit
         limit = math.inf if limit is None else checks.number(limit, "time_limit", positive=True)
         names = {*signatures.names(Environment, *Environment.__bases__)} - {"task", "time_limit", "random_state"}
-        checks.keywords(given, names, what="environment argument")
-        if render_quality != "high":
+        checks.keywords(of_environment, names, what="environment argument")
+        if settings.render_quality != "high":
             from kitchen_suite.entities.assets import is_visual
             from kitchen_suite.rendering.quality import set_render_quality
 
-            is_asked_for = render_quality is not None
-            chosen = "fast" if render_quality is None else render_quality
+            is_asked_for = settings.render_quality is not None
+            chosen = "fast" if settings.render_quality is None else settings.render_quality
             set_render_quality(task.root_entity.mjcf_model, chosen, is_visual, warn=is_asked_for)
-        settings: dict[str, Any] = {
+        options: dict[str, Any] = {
             "strip_singleton_obs_buffer_dim": True,
             "recompile_mjcf_every_episode": False,
-            "episode_seeds": episode_seeds,
-            **given,
+            "episode_seeds": settings.episode_seeds,
+            **of_environment,
         }
-        environment = Environment(task, time_limit=limit, random_state=random, **settings)
+        environment = Environment(task, time_limit=limit, random_state=random, **options)
         built = {name: arguments.get(name, argument.default) for name, argument in known.items()}
         environment.keep_arguments(
             scene={name: built[name] for name in sorted(of_scene - {"visuals"})},
@@ -272,20 +266,20 @@ class Domain:
                 if known[name].owner == "task" and name not in _OF_OBSERVATIONS
             },
         )
-        own_arguments = {
-            "time_limit": time_limit,
-            "visuals": visuals,
-            "render_quality": render_quality,
-            "physics": physics,
-            "control_timestep": control_timestep,
-            "quality": quality,
-            "episode_seeds": episode_seeds,
-            "environment_kwargs": environment_kwargs,
-        }
+        again = {"time_limit": time_limit, "environment_kwargs": environment_kwargs, **vars(settings), **arguments}
         # A user's own task may take what cannot be copied, such as a lock; then the environment cannot, either.
         with contextlib.suppress(Exception):
-            environment.origin = Origin(self.load, copy.deepcopy({**own_arguments, **arguments}))
+            environment.origin = Origin(self.load, copy.deepcopy(again))
         return environment
+
+    def _make_scene(self, settings: "Settings", arguments: Mapping[str, Any]) -> "Scene":
+        """Returns the scene for arguments of its own, in the physics of the settings; a ValueError if it has none."""
+        scene: Scene = self.resolve("scene")(**arguments)
+        if settings.physics == FAST and not scene.has_fast_physics:
+            robot = f" with robot {checks.shown(arguments['robot'])}" if "robot" in arguments else ""
+            raise ValueError(f"{self.name} has no {FAST} physics{robot}: leave out physics")
+        scene.use_physics(settings.physics)
+        return scene
 
 
 def _unpickled(fields: Mapping[str, Any]) -> Domain:

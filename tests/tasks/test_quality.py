@@ -23,6 +23,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.tasks import KitchenTask
 from kitchen_suite.tasks.episode import quality
 from kitchen_suite.tasks.episode.quality import NUM_CONTACTS, TOLERANCES, Quality, QualityReading
+from kitchen_suite.tasks.settings import Settings
 from kitchen_suite.vector_env.generated_kitchens import GeneratedKitchenVectorEnv
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
@@ -345,7 +346,7 @@ def test_objects_may_be_held_by_other_constraints_than_those_of_joints():
     frame = scene.attach(mug, pos=(-0.65, -0.35, 1.9), free=True)
     scene.arena.mjcf_model.equality.add("weld", body1=frame)
     task = KitchenTask(scene)
-    task.measure_quality()
+    task.configure(Settings(quality=True))
     with Environment(task) as environment:
         environment.reset()
         assert "mug/" in task.meter.objects
