@@ -13,7 +13,6 @@ from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.kitchen_plans import Placed
 from kitchen_suite.names import GENERATED_KITCHEN_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
-from kitchen_suite.tasks.episode.pushes import PUSH
 from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of, design_digest
 from kitchen_suite.tasks.generated_kitchens.mdp import (
     GeneratedKitchenMDP,
@@ -23,6 +22,7 @@ from kitchen_suite.tasks.generated_kitchens.mdp import (
 )
 from kitchen_suite.tasks.generated_kitchens.records import PartRecords
 from kitchen_suite.tasks.generated_kitchens.requests import VERBS, PartRequests, verb_of
+from kitchen_suite.tasks.generated_kitchens.variations import VARIED
 from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
@@ -30,22 +30,7 @@ from kitchen_suite.tasks.orders import sequence_of
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.tasks.rewards import CONTINUING, DENSE, REWARDS
 from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.tasks.variations import appearance
-from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, one_of
 from kitchen_suite.types import Array
-
-VARIED: tuple[ParameterVariation, ...] = (
-    around("franka/joint_offset", "start", seen=0.05, held_out=0.1),
-    around("franka/gain_scale", "dynamics", seen=0.1, held_out=0.2),
-    around("franka/damping_scale", "dynamics", seen=0.1, held_out=0.2),
-    around("fixtures/damping_scale", "dynamics", seen=0.3, held_out=0.5),
-    around("fixtures/friction_scale", "dynamics", seen=0.3, held_out=0.5),
-    one_of("sensing/action_delay", "sensing", seen=(0.0, 1.0), held_out=(1.0,)),
-    *appearance.cameras("overview", "left", "right", "franka/wrist", "franka/hand"),
-    *PUSH,
-    # Last, so that a seed draws the other parameters as before there was this camera.
-    *appearance.cameras("workspace"),
-)
 
 HOME = INITIAL_QPOS[:9]  # Positions of the robot's joints at the start [rad, m].
 RESET_NOISE = 0.05  # Greatest noise on the positions of the arm's joints at the start [rad].

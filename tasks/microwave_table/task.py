@@ -14,7 +14,6 @@ from kitchen_suite.names import MICROWAVE_TABLE_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JointOffset
 from kitchen_suite.tasks.control_modes.mode import ActionMode
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
-from kitchen_suite.tasks.episode.pushes import PUSH
 from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
 from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.microwave_table.mdp import (
@@ -23,47 +22,12 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     REWARDS,
     MicrowaveTableMDP,
 )
+from kitchen_suite.tasks.microwave_table.variations import VARIED
 from kitchen_suite.tasks.records import OpeningRecords
 from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
 from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.tasks.variations import appearance
-from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE
-
-START = (
-    around("franka/joint_offset", "start", seen=0.05, held_out=0.1),
-    between("microwave/door", "start", seen=(-0.2, 0.0), held_out=[(-0.35, -0.2)]),
-)
-
-# Pose of the microwave on the table [m, rad].
-LAYOUT = (
-    around("microwave/offset", "layout", seen=(0.03, 0.05, 0.0), held_out=(0.05, 0.08, 0.0)),
-    around("microwave/yaw", "layout", seen=0.1, held_out=0.15),
-)
-
-DYNAMICS = (
-    around("franka/gain_scale", "dynamics", seen=0.1, held_out=0.2),
-    around("franka/damping_scale", "dynamics", seen=0.1, held_out=0.2),
-    around("microwave/damping_scale", "dynamics", seen=0.3, held_out=0.5),
-    around("microwave/friction_scale", "dynamics", seen=0.3, held_out=0.5),
-)
-
-SENSING = (one_of("sensing/action_delay", "sensing", seen=(0.0, 1.0), held_out=(1.0,)),)
-
-APPEARANCE = (
-    *appearance.ROOM,
-    appearance.color("table/", appearance.TINT),
-    appearance.texture("table/", seen=(0, 1), held_out=(2, 3)),
-    appearance.color("table/leg_", appearance.LACQUER),
-    appearance.color("pedestal/", appearance.GREY),
-    *appearance.MICROWAVE,
-)
-
-CAMERA = appearance.cameras("overview", "left", "right", "franka/wrist", "franka/hand")
-
-VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA, *PUSH)
-
 
 GOAL = Goal(prop="microwave", value=(OPEN_ANGLE,), instructions=OPEN_MICROWAVE)
 
