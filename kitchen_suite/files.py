@@ -76,17 +76,16 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def parents_of(path: Path) -> Iterator[None]:
-    """Makes the folders that a path is to lie in; removes those that it has made if an exception is raised."""
-    missing = [folder for folder in path.parents if not folder.exists()]
-    path.parent.mkdir(parents=True, exist_ok=True)
+def made_folder(folder: Path) -> Iterator[None]:
+    """Makes a folder and its parents, where missing; after an exception, those that it made are removed if empty."""
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         yield
     except BaseException:
-        for folder in missing:
-            # Something else may be in it by now.
+        for each in missing:
             with contextlib.suppress(OSError):
-                folder.rmdir()
+                each.rmdir()
         raise
 
 
@@ -94,13 +93,13 @@ def parents_of(path: Path) -> Iterator[None]:
 def temporary_folder(path: Path) -> Iterator[Path]:
     """Yields a hidden path beside `path` for a folder, removed at the end, as those that killed processes have left."""
     path = path.absolute()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    remove_stale_partials(path.parent)
-    partial = partial_path(path)
-    try:
-        yield partial
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with made_folder(path.parent):
+        remove_stale_partials(path.parent)
+        partial = partial_path(path)
+        try:
+            yield partial
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,15 +120,15 @@ class DescribedFolder:
 
         Raises a FileExistsError if it has a description or contents already, an OSError if it cannot be written to.
         """
-        folder.mkdir(parents=True, exist_ok=True)
-        check_writable(folder)
-        try:
-            with atomic_create(folder / self.file) as partial:
-                if any(folder.glob(self.contents)):
-                    raise FileExistsError
-                write_json(partial, description)
-        except FileExistsError as error:
-            raise FileExistsError(f"{folder} holds {self.kind} already: {self.remedy}") from error
+        with made_folder(folder):
+            check_writable(folder)
+            try:
+                with atomic_create(folder / self.file) as partial:
+                    if any(folder.glob(self.contents)):
+                        raise FileExistsError
+                    write_json(partial, description)
+            except FileExistsError as error:
+                raise FileExistsError(f"{folder} holds {self.kind} already: {self.remedy}") from error
 
     def withdraw(self, folder: Path) -> None:
         """Removes the description of a folder without contents, and the folder if there is nothing else in it."""

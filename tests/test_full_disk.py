@@ -21,7 +21,7 @@ EVALUATION = ("kitchen-evaluate", "--task_name=kettle", "--policy=random", "--nu
 # Arguments by name of the writer; FOLDER is where it writes, RECORDING what it reads.
 WRITERS = {
     **{
-        name: ("kitchen-convert", "RECORDING", f"--format={name}", f"--dataset=me/set{end}", "--data_path=FOLDER")
+        name: ("kitchen-convert", "RECORDING", f"--format={name}", f"--dataset=me/set{end}", "--data_path=FOLDER/sets")
         for name, end in {"minari": "-v0", "robomimic": "", "d4rl": "", "ogbench": ""}.items()
     },
     "record": ("kitchen-record", *TASK, "--num_episodes=3", "--output=FOLDER/recording"),
@@ -87,8 +87,8 @@ def test_a_writer_on_a_full_disk_ends_with_one_line_and_leaves_nothing(writer, s
     assert "Errno" in done.stderr
     left = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*"))
     assert not [path for path in left if "/." in f"/{path}"]
-    if writer not in KEEPS:
-        assert left == []
+    # A description alone is of no use.
+    assert left == [] or (writer in KEEPS and len(left) > 2)
 
 
 def test_hdf5_files_without_space_are_refused_before_their_library_writes(tmp_path, monkeypatch):

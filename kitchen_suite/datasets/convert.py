@@ -42,7 +42,7 @@ def convert(
         path = folder / f"{dataset}{chosen.suffix}"
         if path.exists():
             raise FileExistsError(f"{path} exists already, and is never replaced: name another dataset")
-        with files.parents_of(path):
+        with files.made_folder(path.parent):
             files.remove_stale_partials(path.parent)
             with contextlib.closing(source.spec.make_environment()) as environment:
                 episodes = (source.load_fitting(index, environment) for index in source.indices)

@@ -181,7 +181,9 @@ def folder(path: Path | None) -> Iterator[Path]:
     if path is not None:
         os.environ[_ROOT_VARIABLE] = os.path.abspath(path)
     try:
-        yield _datasets_root()
+        # Minari would make the folder, and leave it after an error.
+        with contextlib.nullcontext() if path is None else files.made_folder(path.absolute()):
+            yield _datasets_root()
     finally:
         os.environ.pop(_ROOT_VARIABLE, None)
         os.environ.update({} if before is None else {_ROOT_VARIABLE: before})

@@ -78,10 +78,10 @@ class Recording:
 
     @contextlib.contextmanager
     def withdrawn_without_episodes(self) -> Iterator[None]:
-        """Context in which the policy acts: if it cannot, and there is no episode yet, nothing is left behind."""
+        """Context in which episodes are played and written: if they cannot be, and there is none, nothing is left."""
         try:
             yield
-        except PolicyError:
+        except (OSError, PolicyError):
             _RECORDING.withdraw(self.folder)
             raise
 

@@ -195,10 +195,10 @@ def evaluate(
 
 @contextlib.contextmanager
 def _withdrawn_without_results(folder: EvaluationFolder) -> Iterator[None]:
-    """Context in which the policy acts: if it cannot, and there is no result yet, nothing is left in the folder."""
+    """Context in which results are made and written: if they cannot be, and there is none, nothing is left."""
     try:
         yield
-    except PolicyError:
+    except (OSError, PolicyError):
         folder.withdraw()
         raise
 

@@ -48,8 +48,7 @@ class EvaluationFolder:
 
     def add(self, result: EpisodeResult) -> None:
         if self._path:
-            with self._path.open("ab") as file:
-                file.write(result.as_line(self._evaluation) + b"\n")
+            _append(self._path, result.as_line(self._evaluation) + b"\n")
         self.results[result.condition, result.episode] = result
 
     def _read(self, path: Path, seeds: Mapping[Key, int]) -> None:
@@ -71,3 +70,19 @@ class EvaluationFolder:
                 self.results[key] = result
         if torn:
             os.truncate(path, path.stat().st_size - len(torn))
+
+
+def _append(path: Path, line: bytes) -> None:
+    """Adds a line to a file, which need not exist; after an error the file is as it was."""
+    size = path.stat().st_size if path.exists() else None
+    try:
+        with path.open("ab") as file:
+            file.write(line)
+    except OSError as error:
+        if size is None:
+            path.unlink(missing_ok=True)
+        else:
+            os.truncate(path, size)
+        # Python does not say which file could not be written to.
+        error.filename = error.filename or str(path)
+        raise
