@@ -134,9 +134,9 @@ DENSE = REWARDS.keys() - {"sparse"}
 # Names of the terms of the sparse reward, which follow from the completions: neither infos nor saved states have them.
 SPARSE_TERMS = REWARDS["sparse"].keys()
 
-GOAL_TERMS = frozenset({completions, approach, progress, completed, approach_gain, progress_gain, completion_gain})
-"""Terms that read only `completions` or, of a dense reward, `shares` of a step, so that they can be computed for other
-goals. Infos have the values of all other terms."""
+GOAL_TERMS = frozenset(term for terms in REWARDS.values() for term in terms.values())
+"""The terms of all these rewards, which read only `completions` or `shares` of a step, so that they can be computed for
+other goals. Infos have the values of all other terms."""
 
 
 # Rewards that pay for completed tasks in every later step: their episodes go on by default.
