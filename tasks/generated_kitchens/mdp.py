@@ -23,7 +23,7 @@ from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.completion import CompletionMDP
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.orders import order_info
-from kitchen_suite.tasks.rewards import Shares, covered
+from kitchen_suite.tasks.rewards import CompletionStep, Shares, SharesStep, covered
 from kitchen_suite.tasks.simulation import Columns, Simulation, as_columns
 from kitchen_suite.tasks.terms import Observation, Transition, end_to_end
 from kitchen_suite.types import Array
@@ -320,11 +320,8 @@ class GeneratedKitchenState(NamedTuple):
         return covered(np.abs(self.goal - self.openings), np.abs(self.goal - shaping.initial_openings))
 
 
-class GeneratedKitchenTransition(Transition):
+class GeneratedKitchenTransition(Transition[GeneratedKitchenState], CompletionStep, SharesStep):
     """A control step in a generated kitchen."""
-
-    before: GeneratedKitchenState
-    after: GeneratedKitchenState
 
     @property
     def completions(self) -> NDArray[np.bool_]:
