@@ -30,7 +30,7 @@ ORDER = (
     "tasks",
     "entities",
 )
-GROUND = ("", "checks", "closing", "files", "imports", "lazy", "names", "signatures", "types", "versions")
+GROUND = ("", "_version", "checks", "closing", "files", "imports", "lazy", "names", "signatures", "types", "versions")
 BESIDE = {"rendering": ()}
 # For users: `kitchen_suite.experts`, `kitchen_suite.load` and `python -m kitchen_suite`.
 ALIASES = {
