@@ -210,7 +210,8 @@ class SlotSensors:
         self.ctrl = as_columns(physics.bind(scene.robot.actuators).element_id)
         self._hand = np.array([physics.bind(scene.robot.end_effector).element_id])
         # Empty slots read the first joint.
-        self.columns, self._kettle = np.zeros(MAX_PARTS, np.int64), np.zeros(7, np.int64)
+        self.columns = np.zeros(MAX_PARTS, np.int64)
+        self._kettle = np.zeros(7, np.int64)
         for k, (name, part) in enumerate(scene.parts):
             prop = scene.props[name]
             if part.joint is None:

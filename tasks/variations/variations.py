@@ -215,7 +215,8 @@ class Variations:
             undo.callback(physics.reset)
             drawn = self.randomizer.draw(random_state)
             undo.pop_all()
-        start, self._refusals = np.array(physics.data.qpos), 0
+        start = np.array(physics.data.qpos)
+        self._refusals = 0
         if self._layout_check:
             seed = random_state.randint(2**31)
             if self._checked_model is not physics.model.ptr:
