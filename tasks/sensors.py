@@ -89,7 +89,7 @@ class FeatureSensors:
 
     def read(self, simulation: Simulation) -> Array:
         """Returns the present features' values `(..., k)`; the sensors must be up to date (see `refresh`)."""
-        # MDPs compute with columns.
+        # MDPs compute with columns, which are contiguous in Fortran order.
         return simulation.read("sensordata", self.columns, order="F")
 
     def _add(self, kind: str, **attributes: Any) -> mjcf.Element:
