@@ -40,10 +40,10 @@ class ReleaseError(Exception):
 
 def version(root: Path = ROOT) -> str:
     """Returns the version of the package, without importing it."""
-    text = (root / "kitchen_suite" / "__init__.py").read_text(encoding="utf-8")
+    text = (root / "kitchen_suite" / "_version.py").read_text(encoding="utf-8")
     found = re.search(r'^__version__ = "(.+)"$', text, re.MULTILINE)
     if not found:
-        raise ReleaseError("kitchen_suite/__init__.py has no __version__")
+        raise ReleaseError("kitchen_suite/_version.py has no __version__")
     return found[1]
 
 

@@ -56,7 +56,8 @@ class JointState(observable.Observable):
         super().__init__(update_interval=1, buffer_size=None, delay=None, aggregator=None, corruptor=None)
         self._field, self._joints = field, joints
         # Indices into the state array, and the compiled model that they are valid for.
-        self._model, self._indices = None, np.empty(0, np.int64)
+        self._model = None
+        self._indices = np.empty(0, np.int64)
 
     def _callable(self, physics: mjcf.Physics) -> Callable[[], NDArray[np.float64]]:
         if self._model is not physics.model.ptr:

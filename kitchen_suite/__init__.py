@@ -20,6 +20,7 @@ The parts are submodules, imported when first used:
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 from kitchen_suite import lazy as _lazy
+from kitchen_suite._version import __version__ as __version__
 from kitchen_suite.suite import load as load
 
 if _TYPE_CHECKING:
@@ -38,8 +39,6 @@ if _TYPE_CHECKING:
     from kitchen_suite.evaluation.compare import compare as compare
     from kitchen_suite.evaluation.evaluate import evaluate as evaluate
     from kitchen_suite.evaluation.replay import replay as replay
-
-__version__ = "1.0.0"
 
 _MODULES = ["entities", "environment", "gymnasium_env", "policies", "suite", "tasks", "vector_env"]
 _FUNCTIONS = {

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import kitchen_suite
 from kitchen_suite import checks, files, installation, suite
+from kitchen_suite._version import __version__
 from kitchen_suite.episodes.play import VectorRollout, make_controller
 from kitchen_suite.episodes.report import print_line
 from kitchen_suite.episodes.spec import EnvironmentSpec
@@ -104,7 +105,7 @@ def _print_fact(name: str, fact: str) -> None:
 
 def _facts() -> dict[str, str]:
     return {
-        "kitchen-suite": f"{kitchen_suite.__version__} in {Path(kitchen_suite.__file__).parent}",
+        "kitchen-suite": f"{__version__} in {Path(kitchen_suite.__file__).parent}",
         "python": f"{platform.python_version()} in {sys.prefix}",
         "system": platform.platform(),
         "processor": f"{processor()}; {processors()} usable",

@@ -8,7 +8,7 @@ import re
 
 import numpy as np
 
-import kitchen_suite
+from kitchen_suite._version import __version__
 
 PACKAGES = ("dm-control", "gymnasium", "gymnasium-robotics", "mujoco", "numpy")
 
@@ -19,7 +19,7 @@ MACHINE = re.compile(r"[\w.-]{0,32}, rounding [0-9a-f]{8}(, linear algebra [0-9a
 
 def installed_versions() -> dict[str, str]:
     """Returns the versions of the suite and of `PACKAGES`, by name."""
-    return {"kitchen-suite": kitchen_suite.__version__, **{name: importlib.metadata.version(name) for name in PACKAGES}}
+    return {"kitchen-suite": __version__, **{name: importlib.metadata.version(name) for name in PACKAGES}}
 
 
 def processor() -> str:

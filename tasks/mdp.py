@@ -62,7 +62,9 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """
 
     @abc.abstractmethod
-    def transition(self, state: State, *, action: Array, target: Array, reading: Reading, draws: Array) -> Transition:
+    def transition(
+        self, state: State, *, action: Array, target: Array, reading: Reading, draws: Array
+    ) -> Transition[State]:
         """Returns one more control step, whose state has no terms of the reward yet.
 
         Args:

@@ -14,7 +14,7 @@ that completion pays more than waiting before it.
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +62,20 @@ def covered(distances: Array, initial: Array) -> Array:
         return np.fmax(1.0 - distances / np.maximum(initial, _LEAST_DISTANCE), 0.0)
 
 
-# The terms are functions of a control step that has `completions` and, for dense rewards, `shares`: the transition of a
-# kitchen's MDP, or a `goal_rewards.RelabelledStep`.
+class CompletionStep(Protocol):
+    """What terms of the sparse reward read of a control step."""
+
+    @property
+    def completions(self) -> NDArray[np.bool_]:
+        """`(..., n)`, tasks that the step completed."""
+
+
+class SharesStep(Protocol):
+    """What terms of the dense rewards read of a control step."""
+
+    @property
+    def shares(self) -> Shares:
+        """How far each task has come, before and after the step."""
 
 
 def _summed(by_task: Array) -> Array:
@@ -72,33 +84,33 @@ def _summed(by_task: Array) -> Array:
     return np.add.reduce(np.ascontiguousarray(by_task), axis=-1)
 
 
-def completions(step: Any) -> Array:
+def completions(step: CompletionStep) -> Array:
     """The number of tasks completed in the step."""
     return np.add.reduce(step.completions, axis=-1, dtype=np.float64)
 
 
-def approach(step: Any) -> Array:
+def approach(step: SharesStep) -> Array:
     """The part of the approach in the potential after the step."""
     return _summed(_APPROACH_WEIGHT * step.shares.approach * step.shares.remains)
 
 
-def progress(step: Any) -> Array:
+def progress(step: SharesStep) -> Array:
     """The part of the progress in the potential after the step."""
     return _summed(_PROGRESS_WEIGHT * step.shares.progress * step.shares.remains)
 
 
-def completed(step: Any) -> Array:
+def completed(step: SharesStep) -> Array:
     """The number of tasks that have been completed."""
     return _summed(1.0 - step.shares.remains)
 
 
-def approach_gain(step: Any) -> Array:
+def approach_gain(step: SharesStep) -> Array:
     """The gain of the approach over its greatest value before."""
     shares = step.shares
     return _summed(_APPROACH_WEIGHT * (shares.approach - shares.previous_approach) * shares.remains)
 
 
-def progress_gain(step: Any) -> Array:
+def progress_gain(step: SharesStep) -> Array:
     """The gain of the progress over its greatest value before.
 
     For a goal other than the episode's, as hindsight relabelling has them, the greatest progress so far is unknown. The
@@ -110,7 +122,7 @@ def progress_gain(step: Any) -> Array:
     return _summed(_PROGRESS_WEIGHT * gain * shares.remains)
 
 
-def completion_gain(step: Any) -> Array:
+def completion_gain(step: SharesStep) -> Array:
     """The rest of the potential up to its greatest value, 1, for each task that the step completes."""
     shares = step.shares
     paid = _APPROACH_WEIGHT * shares.previous_approach + _PROGRESS_WEIGHT * shares.previous_progress
@@ -134,9 +146,9 @@ DENSE = REWARDS.keys() - {"sparse"}
 # Names of the terms of the sparse reward, which follow from the completions: neither infos nor saved states have them.
 SPARSE_TERMS = REWARDS["sparse"].keys()
 
-GOAL_TERMS = frozenset({completions, approach, progress, completed, approach_gain, progress_gain, completion_gain})
-"""Terms that read only `completions` or, of a dense reward, `shares` of a step, so that they can be computed for other
-goals. Infos have the values of all other terms."""
+GOAL_TERMS = frozenset(term for terms in REWARDS.values() for term in terms.values())
+"""The terms of all these rewards, which read only `completions` or `shares` of a step, so that they can be computed for
+other goals. Infos have the values of all other terms."""
 
 
 # Rewards that pay for completed tasks in every later step: their episodes go on by default.

@@ -54,7 +54,8 @@ class FeatureSensors:
 
     def __init__(self, root: mjcf.RootElement, robot: Robot) -> None:
         """Prepares to add sensors to the model of an arena, which is not yet compiled, with the robot that acts."""
-        self._sensors, self._robot = root.sensor, robot
+        self._sensors = root.sensor
+        self._robot = robot
         self._by_feature: dict[str, tuple[list[mjcf.Element], slice]] = {}
 
     def add_joints(self, feature: str, kind: str, joints: Iterable[mjcf.Element]) -> None:
@@ -88,7 +89,7 @@ class FeatureSensors:
 
     def read(self, simulation: Simulation) -> Array:
         """Returns the present features' values `(..., k)`; the sensors must be up to date (see `refresh`)."""
-        # MDPs compute with columns.
+        # MDPs compute with columns, which are contiguous in Fortran order.
         return simulation.read("sensordata", self.columns, order="F")
 
     def _add(self, kind: str, **attributes: Any) -> mjcf.Element:

@@ -14,7 +14,7 @@ import tree
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 from dm_env import specs
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, signatures
 from kitchen_suite.entities.parameters import Parameter
@@ -46,6 +46,7 @@ from kitchen_suite.tasks.terms import (
     Observation,
     RewardTerm,
     Termination,
+    Transition,
     added,
     added_functions,
     check_recordable,
@@ -226,7 +227,7 @@ class SuiteTask(composer.Task):
         self._visualize_reward = False
         self.set_timesteps(control_timestep=self.default_control_timestep, physics_timestep=scene.physics_timestep)
 
-    def _added_terms(self, attribute: str, dtype: type) -> dict[str, Callable[[Any], Any]]:
+    def _added_terms(self, attribute: str, dtype: type) -> dict[str, Callable[[Transition], NDArray[Any]]]:
         """Returns the terms of an attribute by name: functions that return arrays `(...)` of a dtype."""
         return in_shape(added_functions(self, attribute), attribute, dtype)
 

@@ -9,7 +9,7 @@ import math
 import operator
 from collections.abc import Callable, Collection, Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 import tree
@@ -24,7 +24,11 @@ from kitchen_suite.types import Array
 _MAX_PARTS = MAX_NAME_PARTS - 2
 
 
-class Transition:
+State = TypeVar("State")
+Step = TypeVar("Step")
+
+
+class Transition(Generic[State]):
     """A control step of one episode, or of many; what terms of reward, termination and success are functions of.
 
     An MDP may have a class of its own, which adds quantities that several terms share.
@@ -41,7 +45,7 @@ class Transition:
     observations: Mapping[str, Array] = MappingProxyType({})
     previous_observations: Mapping[str, Array] = MappingProxyType({})
 
-    def __init__(self, before: Any, action: Array, target: Array, after: Any) -> None:
+    def __init__(self, before: State, action: Array, target: Array, after: State) -> None:
         self.before = before
         self.action = action
         self.target = target
@@ -98,15 +102,18 @@ def named_errors(name: str, observations: Collection[str] = ()) -> Iterator[None
         ) from error
 
 
-RewardTerm = Callable[[Any], Array]
-"""A term of a reward: a function of a `Transition` that returns `(...)`."""
+RewardTerm = Callable[[Step], Array]
+"""A term of a reward: a function that returns `(...)`, given a `Transition`, or what else has the parts that it reads.
+
+`RewardTerm[CompletionStep]` reads no more than a `CompletionStep` has.
+"""
 
 
-Termination = Callable[[Any], NDArray[np.bool_]]
+Termination = Callable[[Transition], NDArray[np.bool_]]
 """A reason to terminate an episode: a function of a `Transition` that returns bools `(...)`."""
 
 
-Condition = Callable[[Any], NDArray[np.bool_]]
+Condition = Callable[[Transition], NDArray[np.bool_]]
 """A condition of success: a function of a `Transition` that returns bools `(...)`."""
 
 
@@ -176,7 +183,9 @@ def added_functions(task: object, attribute: str) -> dict[str, Callable[[Any], A
     return terms
 
 
-def in_shape(terms: Mapping[str, Callable[[Any], Any]], attribute: str, dtype: type) -> dict[str, Callable[[Any], Any]]:
+def in_shape(
+    terms: Mapping[str, Callable[[Any], Any]], attribute: str, dtype: type
+) -> dict[str, Callable[[Transition], NDArray[Any]]]:
     """Returns terms, by name, that return a fresh array `(...)` with an element for each episode of a step.
 
     A Python number is that of all episodes. Another value of a wrong shape is refused rather than broadcast, since it
@@ -193,7 +202,7 @@ def in_shape(terms: Mapping[str, Callable[[Any], Any]], attribute: str, dtype: t
     return {name: _in_shape(term, f"{attribute}[{name!r}]", dtype) for name, term in terms.items()}
 
 
-def _in_shape(term: Callable[[Any], Any], name: str, dtype: type) -> Callable[[Any], NDArray[Any]]:
+def _in_shape(term: Callable[[Any], Any], name: str, dtype: type) -> Callable[[Transition], NDArray[Any]]:
     def value_of(step: Transition) -> NDArray[Any]:
         shape = step.action.shape[:-1]
         with named_errors(name, step.observations):

@@ -32,17 +32,8 @@ ORDER = (
     "entities",
 )
 GROUND = (
-    "",
-    "checks",
-    "closing",
-    "files",
-    "imports",
-    "installation",
-    "lazy",
-    "names",
-    "signatures",
-    "types",
-    "versions",
+    *("", "_version", "checks", "closing", "files", "imports", "installation"),
+    *("lazy", "names", "signatures", "types", "versions"),
 )
 BESIDE = {"rendering": ()}
 # For users: `kitchen_suite.experts`, `kitchen_suite.load` and `python -m kitchen_suite`.

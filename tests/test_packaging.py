@@ -45,7 +45,7 @@ def test_the_packages_at_the_top_are_links_in_the_package():
 
 
 def test_the_version_is_the_changelogs_newest(setup):
-    assert setup["metadata"]["version"] == "attr: kitchen_suite.__version__"
+    assert setup["metadata"]["version"] == "attr: kitchen_suite._version.__version__"
     headings = [line for line in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines() if line[:3] == "## "]
     assert headings[0] == "## [Unreleased]"
     assert headings[1].startswith(f"## [{kitchen_suite.__version__}] - ")

@@ -26,7 +26,7 @@ def release():
 def repository(tmp_path):
     """A committed repository that is ready to be released."""
     (tmp_path / "kitchen_suite").mkdir()
-    (tmp_path / "kitchen_suite" / "__init__.py").write_text('"""A package."""\n\n__version__ = "1.2.3"\n')
+    (tmp_path / "kitchen_suite" / "_version.py").write_text('"""The version."""\n\n__version__ = "1.2.3"\n')
     (tmp_path / "CHANGELOG.md").write_text(
         "# Changelog\n\n## [1.2.3] - 2027-01-31\n\n- All.\n\n## [1.2.2] - 2026-12-31\n"
     )

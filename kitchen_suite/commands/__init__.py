@@ -8,8 +8,8 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-import kitchen_suite
 from kitchen_suite import checks
+from kitchen_suite._version import __version__
 from kitchen_suite.commands.command import SUCCESS, USAGE, Command, fail, run_process
 
 NAMES = (
@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"  {each:<10} {sentence.rstrip('.')}.")
         return SUCCESS
     if name == "--version":
-        print(f"kitchen-suite {kitchen_suite.__version__}")
+        print(f"kitchen-suite {__version__}")
         return SUCCESS
     try:
         command = find(name)

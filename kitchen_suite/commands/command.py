@@ -14,8 +14,8 @@ from typing import Any
 
 from absl import flags
 
-import kitchen_suite
 from kitchen_suite import checks
+from kitchen_suite._version import __version__
 
 # Exit statuses of the commands.
 SUCCESS = 0
@@ -69,7 +69,7 @@ class Command:
                 print(self.help_text())
                 return SUCCESS
             if "--version" in given:
-                print(f"{self.name} {kitchen_suite.__version__}")
+                print(f"{self.name} {__version__}")
                 return SUCCESS
             values, *others = self.parse(given)
             return self.run(values, *others) or SUCCESS

@@ -303,7 +303,8 @@ class Environment(composer.Environment):
         with self._physics.reset_context():
             self._hooks.initialize_episode(self._physics_proxy, self._random_state)
         self._task.read_evaluated()
-        self._step_count, self._reset_next_step = 0, False
+        self._step_count = 0
+        self._reset_next_step = False
 
     def continue_episode(self) -> None:
         """Makes the next `step` continue an episode that has ended."""
@@ -391,7 +392,8 @@ class Environment(composer.Environment):
             evaluate_sleepers(model, data, state[ASLEEP])
         mujoco.mj_step1(model, data)
         self._task.read_evaluated()
-        self._step_count, self._reset_next_step = step_count, bool(state["reset_next_step"])
+        self._step_count = step_count
+        self._reset_next_step = bool(state["reset_next_step"])
         self._observation_updater.reset(self._physics_proxy, self._random_state)
         # The random state goes last: a user's corruptor may have drawn for the observation.
         self._random_state.set_state(random)

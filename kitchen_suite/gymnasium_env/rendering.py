@@ -94,7 +94,7 @@ class Renderer:
 class _MujocoRenderer(mujoco_rendering.MujocoRenderer):
     """Gymnasium's renderer, whose arrays are rendered in a GL context of the suite; see `rendering.contexts`."""
 
-    # Gymnasium's are optional.
+    # Gymnasium's class has None as well; the suite gives a size, and `render` makes the viewer.
     width: int
     height: int
     viewer: Any

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 import dm_env
 from numpy.typing import NDArray
 
-import kitchen_suite
 from kitchen_suite import checks, files
+from kitchen_suite._version import __version__
 
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
@@ -112,7 +112,7 @@ class StoredPolicy(abc.ABC):
 
     def save(self, path: Path) -> None:
         """Writes the policy to an npz file, atomically."""
-        metadata = {**self.metadata, "format": FORMAT, "kitchen_suite": kitchen_suite.__version__}
+        metadata = {**self.metadata, "format": FORMAT, "kitchen_suite": __version__}
         files.save_arrays(path, self.arrays, metadata)
 
     @property

@@ -127,7 +127,8 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
             template.reset()
         self._template_env = self._templates[0]
         self._task = self._template_env.composer_task
-        self._mdp, self._observations = self._task.mdp, self._template_env.observations
+        self._mdp = self._task.mdp
+        self._observations = self._template_env.observations
         self.render_mode = self._template_env.render_mode
         self.metadata = {**self._template_env.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_action_space = self._template_env.action_space

@@ -75,9 +75,11 @@ class BatchEpisodes:
           seeds: how the seed of an episode follows from that of the one before it in the same environment.
         """
         self._seeds = seeds
-        count, distinct = len(environments), [*dict.fromkeys(environments)]
+        count = len(environments)
+        distinct = [*dict.fromkeys(environments)]
         _check_robots(distinct)
-        self._environments, self._task = environments, distinct[0].task
+        self._environments = environments
+        self._task = distinct[0].task
         self._mdp = self._task.mdp
         self._physics_steps = self._task.physics_steps_per_control_step
         sensors = _joined([each.task.mdp.sensors for each in distinct])
@@ -311,7 +313,8 @@ class BatchPictures:
 
     def __init__(self, environments: Sequence[Environment], episodes: BatchEpisodes) -> None:
         """Prepares to show episodes in the environments that start them, which nothing else may step."""
-        self._episodes, count = episodes, len(environments)
+        self._episodes = episodes
+        count = len(environments)
         pictures = environments[0].task.pictures
         takers = {each: each.task.pictures.takers(each.physics) for each in dict.fromkeys(environments)}
         self._takers = [takers[each] for each in environments]

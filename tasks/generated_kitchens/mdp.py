@@ -23,7 +23,7 @@ from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.completion import CompletionMDP
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.orders import order_info
-from kitchen_suite.tasks.rewards import Shares, covered
+from kitchen_suite.tasks.rewards import CompletionStep, Shares, SharesStep, covered
 from kitchen_suite.tasks.simulation import Columns, Simulation, as_columns
 from kitchen_suite.tasks.terms import Observation, Transition, end_to_end
 from kitchen_suite.types import Array
@@ -210,7 +210,8 @@ class SlotSensors:
         self.ctrl = as_columns(physics.bind(scene.robot.actuators).element_id)
         self._hand = np.array([physics.bind(scene.robot.end_effector).element_id])
         # Empty slots read the first joint.
-        self.columns, self._kettle = np.zeros(MAX_PARTS, np.int64), np.zeros(7, np.int64)
+        self.columns = np.zeros(MAX_PARTS, np.int64)
+        self._kettle = np.zeros(7, np.int64)
         for k, (name, part) in enumerate(scene.parts):
             prop = scene.props[name]
             if part.joint is None:
@@ -320,11 +321,8 @@ class GeneratedKitchenState(NamedTuple):
         return covered(np.abs(self.goal - self.openings), np.abs(self.goal - shaping.initial_openings))
 
 
-class GeneratedKitchenTransition(Transition):
+class GeneratedKitchenTransition(Transition[GeneratedKitchenState], CompletionStep, SharesStep):
     """A control step in a generated kitchen."""
-
-    before: GeneratedKitchenState
-    after: GeneratedKitchenState
 
     @property
     def completions(self) -> NDArray[np.bool_]:

@@ -93,7 +93,8 @@ class PartRequests(Requests):
     def draw(self, random_state: np.random.RandomState, request: tuple[str, ...] | None) -> None:
         order = self.counts.draw(random_state, self._weights)
         opens = np.where(random_state.random_sample(MAX_PARTS) < 0.5, self._directions[1], ~self._directions[0])
-        self.order, self.goal = order, ((order >= 0) & opens).astype(np.float64)
+        self.order = order
+        self.goal = ((order >= 0) & opens).astype(np.float64)
         if request is not None:
             self._request([self._slots[task] for task in request])
 

@@ -103,8 +103,7 @@ class GeneratedKitchenTask(SuiteTask):
           robot_noise_ratio: scale of the noise of the robot's joints; 0 for none. The default is at most 1 mrad.
           object_noise_ratio: scale of the noise of handles and openings; 0 for none. The default is at most 2 mm, and
             0.5 % of an opening.
-          control_mode: meaning of the action: `joint_velocity`, `joint_position`, `joint_delta`, `ee_delta_position`,
-            `ee_delta_pose` or `ee_pose`; see docs/guide/control_modes.md.
+          control_mode: meaning of the action: a name in `control_modes`; see docs/guide/control_modes.md.
           **options: those of `SuiteTask`, and arguments of the control mode, as in `KitchenTask`.
 
         Raises:

@@ -17,7 +17,7 @@ from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.mdp import ATTEMPTED, REWARD_STATE, KitchenMDP
 from kitchen_suite.tasks.kitchen.shaping import Shaping, task_shares
 from kitchen_suite.tasks.orders import REQUESTED, counted_in_order
-from kitchen_suite.tasks.rewards import GOAL_TERMS, Shares
+from kitchen_suite.tasks.rewards import GOAL_TERMS, CompletionStep, Shares, SharesStep
 from kitchen_suite.tasks.terms import total
 from kitchen_suite.types import Array
 
@@ -55,24 +55,29 @@ def reward(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) -> Arr
     if mdp.is_dense:
         shaping = _shaping(infos, mdp.goals)
         shares = task_shares(shaping, success=mdp.success, achieved=achieved, desired=desired, mask=requested)
-        step = RelabelledStep(shares=shares)
+        step: CompletionStep | SharesStep = RelabelledShares(shares)
     else:
         rewarded = _listed(infos, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS), elsewhere=True)
         within = _within(achieved, desired, mdp) & rewarded
         if mdp.ordering.in_order:
             within = counted_in_order(within, ~rewarded)
-        step = RelabelledStep(completions=within & requested)
+        step = RelabelledCompletions(within & requested)
     terms = {
         name: term(step) if term in GOAL_TERMS else _part(infos, f"reward/{name}") for name, term in mdp.rewards.items()
     }
     return total(terms)
 
 
-class RelabelledStep(NamedTuple):
-    """The parts of a step that terms of goals read, for goals other than its episode's; see `KitchenTransition`."""
+class RelabelledCompletions(NamedTuple):
+    """A `CompletionStep` for goals other than its episode's."""
 
-    completions: NDArray[np.bool_] | None = None
-    shares: Shares | None = None
+    completions: NDArray[np.bool_]
+
+
+class RelabelledShares(NamedTuple):
+    """A `SharesStep` for goals other than its episode's."""
+
+    shares: Shares
 
 
 def terminated(achieved: Array, desired: Array, info: Infos, mdp: KitchenMDP) -> NDArray[np.bool_]:

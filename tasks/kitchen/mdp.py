@@ -16,7 +16,7 @@ from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSenso
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.tasks.kitchen.shaping import Shaping, task_shares
 from kitchen_suite.tasks.orders import REQUESTED, Ordering, counted_in_order, next_in_turn, order_info
-from kitchen_suite.tasks.rewards import SPARSE_TERMS, Shares
+from kitchen_suite.tasks.rewards import SPARSE_TERMS, CompletionStep, Shares, SharesStep
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, Transition
 from kitchen_suite.types import Array
@@ -93,11 +93,8 @@ def from_dict(arrays: Mapping[str, Any]) -> KitchenState:
     return KitchenState(**{"terms": terms, "requested_order": order, **parts, "progress": progress})
 
 
-class KitchenTransition(Transition):
+class KitchenTransition(Transition[KitchenState], CompletionStep, SharesStep):
     """A control step in the kitchen."""
-
-    before: KitchenState
-    after: KitchenState
 
     def __init__(self, mdp: "KitchenMDP", attempted: NDArray[np.bool_], *parts: Any) -> None:
         """Stores the settings, which tasks `(..., n)` the step could complete, and the parts of a `Transition`."""

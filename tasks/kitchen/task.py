@@ -110,8 +110,7 @@ class KitchenTask(SuiteTask):
           goal_states: number of goal states that are observed: positions of robot and objects that are wanted, which
             do not change reward and success. The option `goal_states` of a reset gives them, `(k, 30)`; otherwise all
             are the start of the kitchen with the requested tasks done. With `cameras` also pictures of the last one.
-          control_mode: meaning of the action: `joint_velocity`, `joint_position`, `joint_delta`, `ee_delta_position`,
-            `ee_delta_pose` or `ee_pose`; see docs/guide/control_modes.md.
+          control_mode: meaning of the action: a name in `control_modes`; see docs/guide/control_modes.md.
           **options: those of `SuiteTask`, and arguments of the control mode. `joint_velocity` has `velocity_scale`,
             velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity` and
             `joint_position` have `feedback`, positions from which the action starts: the positions last `observed`,

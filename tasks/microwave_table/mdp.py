@@ -72,18 +72,21 @@ class MicrowaveTableState(NamedTuple):
         return self.observation[..., SLICES["door_position"].start] / OPEN_ANGLE
 
 
-def approach(step: Transition) -> Array:
+Step = Transition[MicrowaveTableState]  # What the terms of the reward read.
+
+
+def approach(step: Step) -> Array:
     """`1 - tanh(d / 0.1)`, `d` the distance of the fingertips from the handle [m]."""
     distance = np.sqrt(rotations.squared_length(step.after.handle_offset))
     return 1.0 - np.tanh(distance / _APPROACH_DISTANCE)
 
 
-def opening(step: Transition) -> Array:
+def opening(step: Step) -> Array:
     """`5 * o`, `o` the angle of the door as a share of its goal, in [0, 1]."""
     return 5.0 * np.clip(step.after.door_opening, 0.0, 1.0)
 
 
-REWARDS: Mapping[str, RewardTerm] = MappingProxyType({"approach": approach, "opening": opening})
+REWARDS: Mapping[str, RewardTerm[Step]] = MappingProxyType({"approach": approach, "opening": opening})
 """The terms of the reward by name: 1 near the handle, and 5 more where the door is open."""
 
 
@@ -97,6 +100,7 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
     """
 
     sensors: FeatureSensors
+    rewards: Mapping[str, RewardTerm[Step]]
     threshold: float
 
     def initial_state(self, reading: Array, draws: Array) -> MicrowaveTableState:
@@ -106,7 +110,7 @@ class MicrowaveTableMDP(MDP[Array, MicrowaveTableState]):
 
     def transition(
         self, state: MicrowaveTableState, *, action: Array, target: Array, reading: Array, draws: Array
-    ) -> Transition:
+    ) -> Step:
         return Transition(state, action, target, self._state(reading, target, state.succeeded))
 
     @functools.cached_property

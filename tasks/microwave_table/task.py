@@ -66,8 +66,7 @@ class MicrowaveTableTask(SuiteTask):
         Args:
           scene: robot and microwave in their arena; each task needs a scene of its own.
           threshold: distance from the goal below which the door counts as open [rad].
-          control_mode: meaning of the action: `joint_offset`, `joint_position`, `joint_delta`, `ee_delta_position`,
-            `ee_delta_pose` or `ee_pose`; see docs/guide/control_modes.md.
+          control_mode: meaning of the action: a name in `control_modes`; see docs/guide/control_modes.md.
           **options: those of `SuiteTask`, and arguments of the control mode, as in `OpenCabinetTask`; `gripper` is
             `deterministic` by default.
 

@@ -70,7 +70,8 @@ class Features:
 
     def __init__(self, values: Array) -> None:
         """Wraps `values`, without a copy."""
-        self.values, parts = values, FEATURE_INDICES
+        self.values = values
+        parts = FEATURE_INDICES
         self.joint_positions = values[..., parts["joint_positions"]]
         self.joint_velocities = values[..., parts["joint_velocities"]]
         self.tcp_position = values[..., parts["tcp_position"]]

@@ -15,7 +15,7 @@ from kitchen_suite.tasks.open_cabinet.features import FEATURE_INDICES, Features,
 from kitchen_suite.tasks.open_cabinet.observation import LIMIT, ROBOT_KEYS, SIZE, SLICES, clipped, observe
 from kitchen_suite.tasks.open_cabinet.rewards import Grip, grip, succeeds, terminates
 from kitchen_suite.tasks.simulation import Simulation
-from kitchen_suite.tasks.terms import Observation, Transition
+from kitchen_suite.tasks.terms import Observation, RewardTerm, Transition
 from kitchen_suite.types import Array
 
 PHYSICS_TIMESTEP = 0.005  # [s]
@@ -60,16 +60,13 @@ class OpenCabinetState(NamedTuple):
         return succeeds(self.drawer_position)
 
 
-class OpenCabinetTransition(Transition):
+class OpenCabinetTransition(Transition[OpenCabinetState]):
     """A control step in front of the cabinet.
 
     Attributes:
       features: after the step.
       handle_radius: radius of the bar of the cabinet's handles [m].
     """
-
-    before: OpenCabinetState
-    after: OpenCabinetState
 
     features: Features
     handle_radius: float
@@ -96,6 +93,7 @@ class OpenCabinetMDP(MDP[Array, OpenCabinetState]):
     """
 
     sensors: OpenCabinetSensors
+    rewards: Mapping[str, RewardTerm[OpenCabinetTransition]]
     action_size: int
     noise_scale: Array
     handle_radius: float

@@ -6,7 +6,7 @@ which follows the environment's published description.
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +94,7 @@ def effort(features: Features, action_change: Array, total_steps: NDArray[np.int
 
 def termination(terminated: NDArray[np.bool_]) -> Array:
     """`-10` on a step that terminates the episode."""
-    # 0, not -0, elsewhere.
+    # The sum makes 0 of the -0 of other steps.
     return 0.0 + np.multiply(-10.0, terminated)
 
 
@@ -185,21 +185,68 @@ def _inside(share: Array) -> Array:
     return np.clip(3.0 * (1.0 - np.abs(share)), 0.0, 1.0)
 
 
-# The terms are functions of an `OpenCabinetTransition`.
+class RewardedState(Protocol):
+    """What terms read of the state before or after a control step.
+
+    Attributes:
+      previous_action: `(..., k)`, action of the last step.
+      terminates: `(...)`, whether the last step terminated the episode.
+      total_steps: `(...)`, control steps so far, over all episodes.
+    """
+
+    @property
+    def previous_action(self) -> Array: ...
+
+    @property
+    def terminates(self) -> NDArray[np.bool_]: ...
+
+    @property
+    def total_steps(self) -> NDArray[np.int64]: ...
 
 
-def _term(formula: Callable[[Features], Array]) -> RewardTerm:
+class OpenCabinetStep(Protocol):
+    """What terms read of a control step.
+
+    Attributes:
+      before: the state before the step.
+      action: `(..., k)`, the action.
+      after: the state after the step.
+      features: after the step.
+      grip: pose of the bar relative to the finger pads after the step.
+      gripper: `(...)`, target of the fingers during the step [m].
+    """
+
+    @property
+    def before(self) -> RewardedState: ...
+
+    @property
+    def action(self) -> Array: ...
+
+    @property
+    def after(self) -> RewardedState: ...
+
+    @property
+    def features(self) -> Features: ...
+
+    @property
+    def grip(self) -> Grip: ...
+
+    @property
+    def gripper(self) -> Array: ...
+
+
+def _term(formula: Callable[[Features], Array]) -> RewardTerm[OpenCabinetStep]:
     """Returns the term of a reward that depends on the features after the step alone."""
     return lambda step: formula(step.features)
 
 
 # The change may be infinite; the term bounds it.
 @np.errstate(over="ignore")
-def _effort_term(step: Any) -> Array:
+def _effort_term(step: OpenCabinetStep) -> Array:
     return effort(step.features, step.action - step.before.previous_action, step.before.total_steps)
 
 
-_ORIGINAL: Mapping[str, RewardTerm] = {
+_ORIGINAL: Mapping[str, RewardTerm[OpenCabinetStep]] = {
     "approach": _term(approach),
     "orientation": _term(orientation),
     "grasp": lambda step: grasp(step.features, step.gripper),
@@ -210,14 +257,14 @@ _ORIGINAL: Mapping[str, RewardTerm] = {
 }
 
 # Pays for opening only while both pads hold the bar.
-_GRASP: Mapping[str, RewardTerm] = {
+_GRASP: Mapping[str, RewardTerm[OpenCabinetStep]] = {
     **_ORIGINAL,
     "orientation": _term(grasp_orientation),
     "grasp": lambda step: grip_closing(step.grip, step.gripper),
     "opening": lambda step: grasp_opening(step.features, step.grip),
 }
 
-REWARDS: Mapping[str, Mapping[str, RewardTerm]] = MappingProxyType(
+REWARDS: Mapping[str, Mapping[str, RewardTerm[OpenCabinetStep]]] = MappingProxyType(
     {
         "original": MappingProxyType(_ORIGINAL),
         "grasp": MappingProxyType(_GRASP),

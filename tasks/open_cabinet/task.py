@@ -84,8 +84,7 @@ class OpenCabinetTask(SuiteTask):
           reward: `original`, or `grasp`, which pays for opening only while both pads hold the handle.
           observation_noise: half widths of the uniform noise by part of the observation, in the unit of the part; no
             noise when omitted.
-          control_mode: meaning of the action: `joint_offset`, `joint_position`, `joint_delta`, `ee_delta_position`,
-            `ee_delta_pose` or `ee_pose`; see docs/guide/control_modes.md.
+          control_mode: meaning of the action: a name in `control_modes`; see docs/guide/control_modes.md.
           **options: those of `SuiteTask`, and arguments of the control mode. `joint_offset` has `gripper`, by default
             `sampled`, which closes with the probability of the gripper logit, the action's last element;
             `deterministic` closes where that probability is above one half, and draws nothing. The others have

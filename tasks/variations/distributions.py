@@ -75,8 +75,10 @@ class Bands(variation.Variation):
         self.low = np.asarray(self.intervals[:, 0].min(axis=0))
         self.high = np.asarray(self.intervals[:, 1].max(axis=0))
         count, _, *self._shape = self.intervals.shape
-        self._last, self._columns = count - 1, np.indices(self._shape, sparse=True)
-        self._start, self._width = self.intervals[0, 0], self.intervals[0, 1] - self.intervals[0, 0]
+        self._last = count - 1
+        self._columns = np.indices(self._shape, sparse=True)
+        self._start = self.intervals[0, 0]
+        self._width = self.intervals[0, 1] - self.intervals[0, 0]
 
     def __call__(
         self, initial_value: Any = None, current_value: Any = None, random_state: np.random.RandomState | None = None

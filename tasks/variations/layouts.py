@@ -106,7 +106,8 @@ class Reach:
         """
         self._model = physics.model.ptr
         joints = physics.bind(robot.joints[: robot.arm_size])
-        self._qpos, self._joints = as_columns(joints.qposadr), joints.element_id
+        self._qpos = as_columns(joints.qposadr)
+        self._joints = joints.element_id
         self._low, self._high = np.transpose(joints.range)
         self._hand, self._handles = (physics.bind(each).element_id for each in (robot.end_effector, handles))
         start = np.clip(data.qpos[self._qpos], self._low, self._high)
@@ -152,7 +153,8 @@ class LayoutCheck:
 
         Raises a ValueError if a handle is out of reach.
         """
-        self._model, self._data = physics.model.ptr, mujoco.MjData(physics.model.ptr)
+        self._model = physics.model.ptr
+        self._data = mujoco.MjData(physics.model.ptr)
         self._copy(physics)
         self._clearance = Clearance(self._scene, physics, self._data)
         self._reach = Reach(physics, self._scene.robot, self._handles, self._data)

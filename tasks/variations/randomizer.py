@@ -79,7 +79,8 @@ class Randomizer:
             for name, draw in self._draws.items()
             if distributions.draws_fit(draw.variation, draw.parameter.type, f"variation's {name}")
         }
-        self._physics, model = physics, physics.model.ptr
+        self._physics = physics
+        model = physics.model.ptr
         is_derived = any(parameter.type.derived for parameter in self._parameters.values())
         self._scratch = mujoco.MjData(model) if is_derived else None
         fields = (field for field in (*self.model_fields, *self.visual_fields) if field not in DERIVED_FIELDS)

@@ -137,7 +137,7 @@ class Variations:
             Draw(
                 parameter=self._parameters[name],
                 variation=self._given.get(name, row.distribution(self.split)),
-                # Groups draw within the ranges anyway.
+                # Distributions of a user's own may reach beyond the ranges; those of groups do not.
                 bounds=self.ranges[name] if self._given else None,
             )
             for name, row in self.by_name.items()
@@ -215,7 +215,8 @@ class Variations:
             undo.callback(physics.reset)
             drawn = self.randomizer.draw(random_state)
             undo.pop_all()
-        start, self._refusals = np.array(physics.data.qpos), 0
+        start = np.array(physics.data.qpos)
+        self._refusals = 0
         if self._layout_check:
             seed = random_state.randint(2**31)
             if self._checked_model is not physics.model.ptr:
@@ -313,7 +314,7 @@ def flat_values(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Returns the leaves of nested dicts by their path, the parts of which are joined by `/`."""
     if not isinstance(values, Mapping):
         raise TypeError(f"variation_values must be a dict, got {checks.shown(values)}")
-    # `kettle/mass` has two parts.
+    # Names such as `kettle/mass` have a few parts; deeper dicts would exceed Python's limit on recursion.
     if prefix.count("/") > 8:
         raise ValueError(f"variation_values are nested too deeply at {checks.shown(prefix)}")
     flat: dict[str, Any] = {}
