@@ -53,6 +53,7 @@ class SuiteEnv(gymnasium.Env):
       composer_task: its task; `task` is its sentence, as LeRobot expects.
       max_episode_steps: control steps after which the environment itself truncates; None if it never does.
       observations: converts between the forms of observations.
+      renderer: makes the images of `render`.
       clips_actions: whether actions have to be clipped to the `action_limit`.
       varies: whether parameters vary from episode to episode.
       has_instructions: whether infos have the task's sentence.
@@ -160,7 +161,7 @@ class SuiteEnv(gymnasium.Env):
         obs_type = self.find_obs_type(obs_type)
         with_pictures = observations.has_pictures(obs_type)
         options = observations.picture_options(arguments, obs_type, self.obs_types, self.default_cameras)
-        self._renderer = rendering.Renderer(
+        self.renderer = rendering.Renderer(
             width=width,
             height=height,
             camera_id=camera_id,
@@ -203,7 +204,7 @@ class SuiteEnv(gymnasium.Env):
             raise ValueError(f"the tasks of {record.name} have no sentences: leave out instructions")
         self.varies = bool(self.composer_task.variations.by_name)
         self._physics_info = {} if physics == EXACT else {PHYSICS_KEY: physics}
-        self._renderer.check_camera(self.environment)
+        self.renderer.check_camera(self.environment)
         rate = 1 / self.environment.control_timestep()
         self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}
         self.observations = self._make_observations(obs_type)
@@ -470,11 +471,11 @@ class SuiteEnv(gymnasium.Env):
         if self.render_mode is None:
             gymnasium.logger.warn("render() was called without a render_mode; pass one to the constructor")
             return None
-        return self._renderer.render(self.environment, self.render_mode)
+        return self.renderer.render(self.environment, self.render_mode)
 
     def close(self) -> None:
         """Frees windows and GL contexts; as with the original, steps and resets go on, and a picture makes another."""
-        self._renderer.close()
+        self.renderer.close()
         if self.observations.has_pictures:
             self.environment.physics.free_context()
 

@@ -1,19 +1,19 @@
 """The kitchen as a Gymnasium environment with the interface of FrankaKitchen-v1."""
 
 import contextlib
+import functools
 import io
 import math
 import types
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.gymnasium_env import observations
-from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT
-from kitchen_suite.gymnasium_env.original import OriginalEnv
+from kitchen_suite.gymnasium_env import observations, original
+from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT, SuiteEnv
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_TIMESTEP
@@ -55,7 +55,7 @@ class GoalMethod:
         return types.MethodType(self._method, instance)
 
 
-class FrankaKitchenEnv(OriginalEnv, GoalEnv):
+class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     """FrankaKitchen-v1, keyword for keyword and key for key, over `KitchenTask`.
 
     Observation: a dict of `observation` (59 numbers, float64; table in docs/domains/kitchen.md), `achieved_goal` and
@@ -81,11 +81,11 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
     Info, always: `is_success`, whether all tasks that the episode asks for have been completed, and `episode_step`;
       numbers, or arrays of shape `()` with `info_format="arrays"`.
 
-    Attributes, beside those of the original, which `OriginalEnv` has:
+    Attributes, beside those of the original, which are in `gymnasium_env/original.py`:
       info_format: `lists` or `arrays`.
     """
 
-    metadata = {**OriginalEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
+    metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
     default_domain = "kitchen"
     obs_types = tuple(observations.OBS_TYPES)
     default_cameras = ("workspace",)
@@ -95,6 +95,27 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
     array_options = {"info_format": "arrays"}
     flat_options = {"goal_format": "flat"}
     goal_options = ("tasks_to_complete", "tasks_per_episode", "tasks_in_turn", "goal_states", "goals")
+    environment_options = {"further_names": original.NAMES}
+
+    # Attributes of the original; assigning one sets it, or raises an error that names what sets it.
+    model = original.model
+    data = original.data
+    mujoco_renderer = original.mujoco_renderer
+    init_qpos = original.init_qpos
+    init_qvel = original.init_qvel
+    dt = original.dt
+    goal = original.goal
+    tasks_to_complete = original.tasks_to_complete
+    step_task_completions = original.step_task_completions
+    episode_task_completions = original.episode_task_completions
+    terminate_on_tasks_completed = original.terminate_on_tasks_completed
+    remove_task_when_completed = original.remove_task_when_completed
+    object_noise_ratio = original.object_noise_ratio
+    robot_noise_ratio = original.robot_noise_ratio
+
+    # Not for type checkers, which would believe that every attribute exists.
+    if not TYPE_CHECKING:
+        __getattr__ = original.explained
 
     def __init__(
         self,
@@ -136,8 +157,6 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
             instructions=instructions,
             **arguments,
         )
-        self._object_noise_ratio = float(object_noise_ratio)
-        self._robot_noise_ratio = float(robot_noise_ratio)
 
     @property
     def has_goals(self) -> bool:
@@ -243,6 +262,55 @@ class FrankaKitchenEnv(OriginalEnv, GoalEnv):
 
     def _number(self, value: float) -> Any:
         return np.array(value) if self.info_format == "arrays" else value
+
+    @functools.cached_property
+    def robot_env(self) -> original.RobotEnv:
+        """The original's environment of the robot, with `data`, `model`, `set_state` and others."""
+        return original.RobotEnv(self)
+
+    @property
+    def _robot_env_in_use(self) -> original.RobotEnv | None:
+        """`robot_env` once a program has read it, and may write to model and data; None before."""
+        return self.__dict__.get("robot_env")
+
+    def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Starts an episode, from `init_qpos` where a program has changed it; arguments as in `SuiteEnv.reset`."""
+        robot_env = self._robot_env_in_use
+        if robot_env is None:
+            return super().reset(seed=seed, options=options)
+        result = super().reset(seed=seed, options=robot_env.start_options(options))
+        robot_env.derive()
+        return result
+
+    def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Makes one control step; see `SuiteEnv.step`."""
+        robot_env = self._robot_env_in_use
+        if robot_env is None:
+            return super().step(action)
+        robot_env.apply_writes()
+        result = super().step(action)
+        robot_env.derive()
+        return result
+
+    def _get_obs(self, observation: Any) -> Any:
+        """Returns an observation of the suite's environment in the observation space; stores it.
+
+        Given an array of `robot_env._get_obs()`, as programs do after they have set a state, returns as the original
+        the observation of the present state, with fresh noise of the objects' part.
+        """
+        if not isinstance(observation, np.ndarray):
+            return super()._get_obs(observation)
+        return self.robot_env.observation_with(observation)
+
+    def __getstate__(self) -> dict[str, Any]:
+        robot_env = self._robot_env_in_use
+        start = None if robot_env is None else robot_env.changed_init_qpos
+        return {**super().__getstate__(), **({} if start is None else {"init_qpos": start})}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        super().__setstate__(state)
+        if "init_qpos" in state:
+            self.init_qpos = state["init_qpos"]
 
 
 def goal_observation(goal: NDArray[np.float64], parts: StateSlices) -> NDArray[np.float64]:

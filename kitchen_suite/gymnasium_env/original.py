@@ -3,6 +3,9 @@
 The compiled model has the original's joints in the original's order, so these are MuJoCo's own `MjModel` and `MjData`,
 and everything that takes them works: `mujoco.mj_forward(env.unwrapped.model, env.unwrapped.data)`. An attribute acts as
 in the original, or raises an error that names what to use instead; none is silently ignored.
+
+`RobotEnv` is the original's `robot_env`, and holds the start that a program has changed. The other attributes are read
+from it and from the task; `FrankaKitchenEnv` lists them.
 """
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
@@ -11,7 +14,7 @@ import kitchen_suite.rendering.without_gl  # noqa: F401
 import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, Self
 from xml.etree import ElementTree
 
 import mujoco
@@ -217,22 +220,15 @@ class ModelNames:
             setattr(self, f"{kind}_id2name", {number: name for name, number in found.items()})
 
 
-class Explained:
-    """A class whose errors about attributes that it lacks name the suite's way."""
-
-    __slots__ = ()
-
-    # Not for type checkers, which would believe that every attribute exists.
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            if hasattr(type(self), name):
-                # A property has raised an AttributeError of its own, which Python drops: raise it again.
-                return object.__getattribute__(self, name)
-            raise _missing(self, name)
+def explained(owner: Any, name: str) -> Any:
+    """The `__getattr__` of classes whose errors about attributes that they lack name the suite's way."""
+    if hasattr(type(owner), name):
+        # A property has raised an AttributeError of its own, which Python drops: raise it again.
+        return object.__getattribute__(owner, name)
+    raise _missing(owner, name)
 
 
-class RobotEnv(Explained):
+class RobotEnv:
     """The attributes and methods of the original's `robot_env`, over the physics of the suite's environment.
 
     Attributes:
@@ -242,11 +238,15 @@ class RobotEnv(Explained):
 
     __slots__ = ("_env", "_home", "init_qpos")
 
-    _env: "OriginalEnv"
+    # Not for type checkers, which would believe that every attribute exists.
+    if not TYPE_CHECKING:
+        __getattr__ = explained
+
+    _env: SuiteEnv
     _home: NDArray[np.float64]
     init_qpos: Any
 
-    def __init__(self, env: "OriginalEnv") -> None:
+    def __init__(self, env: SuiteEnv) -> None:
         self._env = env
         self._home = env.composer_task.mdp.initial_qpos
         self.init_qpos = self._home.copy()
@@ -290,7 +290,7 @@ class RobotEnv(Explained):
     @Fixed.by("pass robot_noise_ratio to gymnasium.make")
     def robot_noise_ratio(self) -> float:
         """Scale of the noise of the robot's part of the observation."""
-        return self._env.robot_noise_ratio
+        return self._env.composer_task.noise_ratios["robot_noise_ratio"]
 
     @Fixed.by("the commanded positions are those of the control mode")
     def robot_pos_bound(self) -> NDArray[np.float64]:
@@ -327,8 +327,18 @@ class RobotEnv(Explained):
 
     @Fixed.by("pass camera arguments, such as default_camera_config, to gymnasium.make")
     def mujoco_renderer(self) -> "MujocoRenderer":
-        """Gymnasium's renderer of the environment; see `OriginalEnv.mujoco_renderer`."""
-        return self._env.mujoco_renderer
+        """Gymnasium's own renderer, which makes its GL context for the first image.
+
+        Raises an AttributeError where the scene was built without what images show.
+        """
+        model = self.model
+        is_visible = any(model.body(i).name.endswith(VISUAL_BODY) for i in range(model.nbody))
+        if self.render_mode is None and not is_visible:
+            raise AttributeError(
+                "mujoco_renderer needs a scene with visual geoms: pass render_mode='rgb_array' or visuals=True to "
+                "gymnasium.make"
+            )
+        return self._env.renderer.mujoco_renderer(self._env.environment)
 
     @Fixed.by("names are those of the model")
     def model_names(self) -> ModelNames:
@@ -414,168 +424,23 @@ class RobotEnv(Explained):
         """Returns what `render` of the environment returns."""
         return self._env.render()
 
+    def start_options(self, options: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+        """Returns options of a reset, with the start from `init_qpos` added where a program has changed it."""
+        start = self.changed_init_qpos
+        if start is None or not (options is None or isinstance(options, Mapping)):
+            return options
+        given = options or {}
+        own = {} if given.get(STATE) is not None else {START_STATE: start}
+        return {**own, **given}
 
-class OriginalEnv(Explained, SuiteEnv):
-    """A kitchen with the attributes of FrankaKitchen-v1."""
+    def apply_writes(self) -> None:
+        """Computes the forces at the positions that a program may have written.
 
-    _object_noise_ratio: float
-    _robot_noise_ratio: float
-
-    environment_options: ClassVar[Mapping[str, Any]] = {"further_names": NAMES}
-
-    @functools.cached_property
-    def robot_env(self) -> RobotEnv:
-        """The original's environment of the robot, with `data`, `model`, `set_state` and others."""
-        return RobotEnv(self)
-
-    @Fixed.by("its fields can be written to")
-    def model(self) -> mujoco.MjModel:
-        """MuJoCo's model; see `RobotEnv.model`."""
-        return self.robot_env.model
-
-    @Fixed.by("its fields can be written to, such as data.qpos[:] = ...")
-    def data(self) -> mujoco.MjData:
-        """MuJoCo's data; see `RobotEnv.data`. Joints are in the original's order; docs/guide/migrating.md has names."""
-        return self.robot_env.data
-
-    @Fixed.by("pass camera arguments, such as default_camera_config, to gymnasium.make")
-    def mujoco_renderer(self) -> "MujocoRenderer":
-        """Gymnasium's own renderer, which makes its GL context for the first image.
-
-        Raises an AttributeError where the scene was built without what images show.
+        dm_control's step begins with those at the positions of the last step; what was written must act at once.
         """
-        model = self.robot_env.model
-        is_visible = any(model.body(i).name.endswith(VISUAL_BODY) for i in range(model.nbody))
-        if self.render_mode is None and not is_visible:
-            raise AttributeError(
-                "mujoco_renderer needs a scene with visual geoms: pass render_mode='rgb_array' or visuals=True to "
-                "gymnasium.make"
-            )
-        return self._renderer.mujoco_renderer(self.environment)
-
-    @property
-    def init_qpos(self) -> NDArray[np.float64]:
-        """Positions `(30,)` at the start of episodes; see `RobotEnv.init_qpos`."""
-        return self.robot_env.init_qpos
-
-    @init_qpos.setter
-    def init_qpos(self, value: ArrayLike) -> None:
-        self.robot_env.init_qpos = value
-
-    @Fixed.by("call robot_env.set_state(qpos, qvel) after a reset; episodes start at rest")
-    def init_qvel(self) -> NDArray[np.float64]:
-        """Velocities `(29,)`; see `RobotEnv.init_qvel`."""
-        return self.robot_env.init_qvel
-
-    @Fixed.by("it is the product of model.opt.timestep and robot_env.frame_skip")
-    def dt(self) -> float:
-        """Length of a control step [s]."""
-        return self.robot_env.dt
-
-    @Fixed.by("pass goals={task: positions} to gymnasium.make")
-    def goal(self) -> Goals:
-        """Goals by task; not to be written to."""
-        goals = self.composer_task.goals
-        for goal in goals.values():
-            goal.flags.writeable = False
-        return Goals(goals)
-
-    @property
-    def tasks_to_complete(self) -> Tasks:
-        """Tasks still to be completed in the present episode. May be assigned; a reset starts with all of them."""
-        return Tasks(self.composer_task.tasks_to_complete)
-
-    @tasks_to_complete.setter
-    def tasks_to_complete(self, value: Iterable[str]) -> None:
-        if isinstance(value, str) or not isinstance(value, Iterable):
-            raise TypeError(f"tasks_to_complete must be a set or list of tasks, got {checks.shown(value)}")
-        tasks = self.composer_task.mdp.goals.tasks
-        remaining = {checks.choice(name, tasks, "task of tasks_to_complete") for name in value}
-        state = self.composer_task.state
-        mask = np.array([name in remaining for name in tasks])
-        self.composer_task.set_mdp_state(state._replace(progress=state.progress._replace(remaining=mask)))
-
-    @Fixed.by("tasks are completed by steps")
-    def step_task_completions(self) -> list[str]:
-        """Tasks completed in the last step, in a fresh list."""
-        return self.composer_task.step_task_completions
-
-    @Fixed.by("tasks are completed by steps")
-    def episode_task_completions(self) -> list[str]:
-        """Tasks completed in the present episode, in order of completion, in a fresh list."""
-        return self.composer_task.episode_task_completions
-
-    @Fixed.by("pass terminate_on_tasks_completed to gymnasium.make")
-    def terminate_on_tasks_completed(self) -> bool:
-        """Whether an episode terminates once every task has been completed."""
-        return self.composer_task.mdp.terminate_on_tasks_completed
-
-    @Fixed.by("pass remove_task_when_completed to gymnasium.make")
-    def remove_task_when_completed(self) -> bool:
-        """Whether a task is rewarded only once."""
-        return self.composer_task.mdp.remove_task_when_completed
-
-    @Fixed.by("pass object_noise_ratio to gymnasium.make")
-    def object_noise_ratio(self) -> float:
-        """Scale of the noise of the objects' part of the observation."""
-        return self._object_noise_ratio
-
-    @Fixed.by("pass robot_noise_ratio to gymnasium.make")
-    def robot_noise_ratio(self) -> float:
-        """Scale of the noise of the robot's part of the observation."""
-        return self._robot_noise_ratio
-
-    def __getstate__(self) -> dict[str, Any]:
-        start = self._changed_init_qpos
-        return {**super().__getstate__(), **({} if start is None else {"init_qpos": start})}
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        super().__setstate__(state)
-        if "init_qpos" in state:
-            self.init_qpos = state["init_qpos"]
-
-    @property
-    def _is_handed_out(self) -> bool:
-        """Whether a program may hold, and write to, the model and the data."""
-        return "robot_env" in self.__dict__
-
-    @property
-    def _changed_init_qpos(self) -> NDArray[np.float64] | None:
-        return self.robot_env.changed_init_qpos if self._is_handed_out else None
-
-    def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode, from `init_qpos` where a program has changed it; arguments as in `SuiteEnv.reset`."""
-        start = self._changed_init_qpos
-        if start is not None and (options is None or isinstance(options, Mapping)):
-            given = options or {}
-            own = {} if given.get(STATE) is not None else {START_STATE: start}
-            options = {**own, **given}
-        result = super().reset(seed=seed, options=options)
-        if self._is_handed_out:
-            self._derive()
-        return result
-
-    def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Makes one control step; see `SuiteEnv.step`."""
-        if not self._is_handed_out:
-            return super().step(action)
-        # dm_control's step begins with forces at the positions of the last step; what was written must act at once.
         mujoco.mj_step1(self.model, self.data)
-        result = super().step(action)
-        self._derive()
-        return result
 
-    def _get_obs(self, observation: Any) -> Any:
-        """Returns an observation of the suite's environment in the observation space; stores it.
-
-        Given an array of `robot_env._get_obs()`, as programs do after they have set a state, returns as the original
-        the observation of the present state, with fresh noise of the objects' part.
-        """
-        if not isinstance(observation, np.ndarray):
-            return super()._get_obs(observation)
-        return self.robot_env.observation_with(observation)
-
-    def _derive(self) -> None:
+    def derive(self) -> None:
         """Computes what programs may read of the present state: dm_control's step leaves out forces and accelerations.
 
         The solver's warm start stays that of the last physics step, on which the next one depends.
@@ -584,6 +449,121 @@ class OriginalEnv(Explained, SuiteEnv):
         mujoco.mj_forward(self.model, self.data)
         mujoco.mj_rnePostConstraint(self.model, self.data)
         self.data.qacc_warmstart[:] = warm_start
+
+
+# Attributes that the class of the environment has beside `robot_env`.
+
+
+class HasRobotEnv(Protocol):
+    """An environment with the original's environment of the robot."""
+
+    @property
+    def robot_env(self) -> RobotEnv: ...
+
+
+@Fixed.by("its fields can be written to")
+def model(env: HasRobotEnv) -> mujoco.MjModel:
+    """MuJoCo's model; see `RobotEnv.model`."""
+    return env.robot_env.model
+
+
+@Fixed.by("its fields can be written to, such as data.qpos[:] = ...")
+def data(env: HasRobotEnv) -> mujoco.MjData:
+    """MuJoCo's data; see `RobotEnv.data`. Joints are in the original's order; docs/guide/migrating.md has names."""
+    return env.robot_env.data
+
+
+@Fixed.by("pass camera arguments, such as default_camera_config, to gymnasium.make")
+def mujoco_renderer(env: HasRobotEnv) -> "MujocoRenderer":
+    """Gymnasium's own renderer; see `RobotEnv.mujoco_renderer`."""
+    return env.robot_env.mujoco_renderer
+
+
+def _init_qpos(env: HasRobotEnv) -> NDArray[np.float64]:
+    """Positions `(30,)` at the start of episodes; see `RobotEnv.init_qpos`."""
+    return env.robot_env.init_qpos
+
+
+def _set_init_qpos(env: HasRobotEnv, value: ArrayLike) -> None:
+    env.robot_env.init_qpos = value
+
+
+init_qpos = property(_init_qpos, _set_init_qpos)
+
+
+@Fixed.by("call robot_env.set_state(qpos, qvel) after a reset; episodes start at rest")
+def init_qvel(env: HasRobotEnv) -> NDArray[np.float64]:
+    """Velocities `(29,)`; see `RobotEnv.init_qvel`."""
+    return env.robot_env.init_qvel
+
+
+@Fixed.by("it is the product of model.opt.timestep and robot_env.frame_skip")
+def dt(env: HasRobotEnv) -> float:
+    """Length of a control step [s]."""
+    return env.robot_env.dt
+
+
+@Fixed.by("pass goals={task: positions} to gymnasium.make")
+def goal(env: SuiteEnv) -> Goals:
+    """Goals by task; not to be written to."""
+    goals = env.composer_task.goals
+    for each in goals.values():
+        each.flags.writeable = False
+    return Goals(goals)
+
+
+def _tasks_to_complete(env: SuiteEnv) -> Tasks:
+    """Tasks still to be completed in the present episode. May be assigned; a reset starts with all of them."""
+    return Tasks(env.composer_task.tasks_to_complete)
+
+
+def _set_tasks_to_complete(env: SuiteEnv, value: Iterable[str]) -> None:
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise TypeError(f"tasks_to_complete must be a set or list of tasks, got {checks.shown(value)}")
+    tasks = env.composer_task.mdp.goals.tasks
+    remaining = {checks.choice(name, tasks, "task of tasks_to_complete") for name in value}
+    state = env.composer_task.state
+    mask = np.array([name in remaining for name in tasks])
+    env.composer_task.set_mdp_state(state._replace(progress=state.progress._replace(remaining=mask)))
+
+
+tasks_to_complete = property(_tasks_to_complete, _set_tasks_to_complete)
+
+
+@Fixed.by("tasks are completed by steps")
+def step_task_completions(env: SuiteEnv) -> list[str]:
+    """Tasks completed in the last step, in a fresh list."""
+    return env.composer_task.step_task_completions
+
+
+@Fixed.by("tasks are completed by steps")
+def episode_task_completions(env: SuiteEnv) -> list[str]:
+    """Tasks completed in the present episode, in order of completion, in a fresh list."""
+    return env.composer_task.episode_task_completions
+
+
+@Fixed.by("pass terminate_on_tasks_completed to gymnasium.make")
+def terminate_on_tasks_completed(env: SuiteEnv) -> bool:
+    """Whether an episode terminates once every task has been completed."""
+    return env.composer_task.mdp.terminate_on_tasks_completed
+
+
+@Fixed.by("pass remove_task_when_completed to gymnasium.make")
+def remove_task_when_completed(env: SuiteEnv) -> bool:
+    """Whether a task is rewarded only once."""
+    return env.composer_task.mdp.remove_task_when_completed
+
+
+@Fixed.by("pass object_noise_ratio to gymnasium.make")
+def object_noise_ratio(env: SuiteEnv) -> float:
+    """Scale of the noise of the objects' part of the observation."""
+    return env.composer_task.noise_ratios["object_noise_ratio"]
+
+
+@Fixed.by("pass robot_noise_ratio to gymnasium.make")
+def robot_noise_ratio(env: SuiteEnv) -> float:
+    """Scale of the noise of the robot's part of the observation."""
+    return env.composer_task.noise_ratios["robot_noise_ratio"]
 
 
 def _missing(owner: Any, name: str) -> AttributeError:

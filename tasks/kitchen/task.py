@@ -49,6 +49,7 @@ class KitchenTask(SuiteTask):
       requests: the tasks that episodes ask for.
       reward_name: key of the reward in `tasks.rewards.REWARDS`.
       success_options: the arguments `success` and `threshold` that the task was given.
+      noise_ratios: the arguments `robot_noise_ratio` and `object_noise_ratio`, by name.
     """
 
     mdp: KitchenMDP
@@ -136,7 +137,7 @@ class KitchenTask(SuiteTask):
         sensors = KitchenSensors(scene, goal_set, measures_hand=is_dense)
         robot_ratio = checks.number(robot_noise_ratio, "robot_noise_ratio")
         object_ratio = checks.number(object_noise_ratio, "object_noise_ratio")
-        self._noise_ratios = {"robot_noise_ratio": robot_ratio, "object_noise_ratio": object_ratio}
+        self.noise_ratios = {"robot_noise_ratio": robot_ratio, "object_noise_ratio": object_ratio}
         mode = make_mode(control_mode, self.control_modes, control)
         if not (scene.robot.specification.name == FRANKA or mode.suits_any_robot):
             modes = names_for_any_robot(self.control_modes)
@@ -317,7 +318,7 @@ class KitchenTask(SuiteTask):
             "reward": self.reward_name,
             "terminate_on_tasks_completed": mdp.terminate_on_tasks_completed,
             "remove_task_when_completed": mdp.remove_task_when_completed,
-            **self._noise_ratios,
+            **self.noise_ratios,
             "tasks_per_episode": ordering.draw,
             "tasks_in_turn": ordering.in_turn,
             "tasks_in_order": ordering.in_order,
