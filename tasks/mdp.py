@@ -115,10 +115,6 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """Returns one of the `observations`, `(..., k)`, with the noise that the state holds."""
         return clean
 
-    def clean_observation(self, simulation: Simulation, state: State) -> NDArray:
-        """Returns the flat observation `(..., m)` without goals and requests, without noise."""
-        return np.concatenate([each.read(simulation, state) for each in self.observations.values()], axis=-1)
-
     def observation(self, simulation: Simulation, state: State) -> NDArray:
         """Returns the flat observation `(..., m)` without goals and requests, with its noise."""
         parts = [self.corrupted(key, term.read(simulation, state), state) for key, term in self.observations.items()]

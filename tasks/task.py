@@ -489,7 +489,7 @@ class SuiteTask(composer.Task):
         """Looks up what the task needs beside the MDP in a compiled scene."""
 
     def publish(self, physics: mjcf.Physics | None) -> None:
-        """Updates observables and, given a physics, colours after a change of state."""
+        """Updates observables and colours after a change of state; `physics` is None where a state has been set."""
 
     def action_spec(self, physics: mjcf.Physics) -> specs.Array:
         return self.mdp.action_mode.spec(self.robot)

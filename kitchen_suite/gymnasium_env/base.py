@@ -211,6 +211,8 @@ class SuiteEnv(gymnasium.Env):
         self.observation_space = self.observations.space
         self.composer_task.hidden_keys = self.observations.hidden
         self._bound_random: np.random.Generator | None = None
+        # The generator with which the last episode has started.
+        self._drawn_random: np.random.Generator | None = None
         self._episode_step = 0
 
     def _check_domain(self, domain: Domain) -> None:
@@ -270,6 +272,7 @@ class SuiteEnv(gymnasium.Env):
             "arguments": self._arguments,
             "state": self.get_state(),
             "seed": self._np_random_seed,
+            "has_drawn": self._drawn_random is not None,
             "spec": self.spec,
         }
 
@@ -281,6 +284,8 @@ class SuiteEnv(gymnasium.Env):
         self.np_random = np.random.Generator(bit_generator())
         self.set_state(state["state"])
         self._np_random_seed = state["seed"]
+        # Pickles of version 1.0 do not say.
+        self._drawn_random = self.np_random if state.get("has_drawn", True) else None
 
     def __repr__(self) -> str:
         settings = f"render_mode={self.render_mode!r}, max_episode_steps={self._max_episode_steps}"
@@ -398,6 +403,7 @@ class SuiteEnv(gymnasium.Env):
         # Not that of gymnasium-robotics' GoalEnv, which refuses observations without goals.
         gymnasium.Env.reset(self, seed=seed)
         self._bind_random_state()
+        self._drawn_random = self._bound_random
         if state is None:
             self._episode_step = 0
             observation = self._get_obs(self.environment.reset().observation)
@@ -428,6 +434,7 @@ class SuiteEnv(gymnasium.Env):
         if self.environment.resets_next_step:
             gymnasium.Env.reset(self, seed=self._next_seed_after(None))
         self._bind_random_state()
+        self._drawn_random = self._bound_random
         timestep = self.environment.step(action)
         self._episode_step = 0 if timestep.first() else self._episode_step + 1
         if timestep.last():
@@ -460,6 +467,7 @@ class SuiteEnv(gymnasium.Env):
         self._bind_random_state()
         inner = {key: value for key, value in state.items() if key not in own}
         observation = self._get_obs(self.environment.set_state(inner))
+        self._drawn_random = self._bound_random
         self._episode_step = step
         self._seeds.next = next_seed
         if self._seeds:
@@ -488,7 +496,7 @@ class SuiteEnv(gymnasium.Env):
         Raises:
           ValueError: with `episode_seeds`, a generator was assigned in place of a seed, and has had its episode.
         """
-        has_drawn = self._bound_random is self.np_random
+        has_drawn = self._drawn_random is self.np_random
         return self._seeds.known() if self._seeds and seed is None and has_drawn else seed
 
     def _bind_random_state(self) -> None:

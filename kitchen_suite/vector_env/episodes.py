@@ -243,7 +243,7 @@ class BatchEpisodes:
         return tuple(state[moving].copy() for state, moving in zip(self.batch.state, self._moving, strict=True))
 
     def info(self) -> dict[str, Any]:
-        """Returns the infos of MDP, terms and quality, and `episode_step`, the number of steps: `(n, ...)`."""
+        """Returns the infos of MDP and parts, and `episode_step`, the number of steps: `(n, ...)`."""
         return {
             **self._runner.mdp_info(self.state),
             **self._runner.info(self.state),
@@ -290,7 +290,11 @@ def _joined(readers: Sequence[Any]) -> Any:
         return first.reading_by(JoinedSensors(readers))
     if isinstance(first, Pushes):
         return first.made_by(JoinedPusher([each.pusher for each in readers]))
-    return first if isinstance(first, EpisodePart) else JoinedSensors(readers)
+    if not isinstance(first, EpisodePart):
+        return JoinedSensors(readers)
+    if not first.suits_any_model:
+        raise ValueError(f"{type(first).__name__}, a part of episodes, does not suit environments of several models")
+    return first
 
 
 def _check_robots(environments: Sequence[Environment]) -> None:

@@ -39,6 +39,7 @@ class ExtraObservations(EpisodePart):
 
     # As states of 1.0 have it.
     name = "measured"
+    suits_any_model = True
     # What a single simulation has after each step.
     stage = mujoco.mjtStage.mjSTAGE_VEL
 

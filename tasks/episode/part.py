@@ -20,19 +20,23 @@ from kitchen_suite.types import Array
 class EpisodePart:
     """An optional part of episodes: it starts at a reset, sees each control step before and after the physics.
 
-    `EpisodeRunner` calls its methods, in the order in which they stand here, for one episode or for many: the arrays of
-    the part's state, which is a named tuple or a dict, have the leading axes `(...)` of all others. No method changes a
-    state. A part overrides what it needs; by default it draws, changes, observes and reports nothing.
+    `EpisodeRunner` calls its methods for one episode or for many: the arrays of the part's state have the leading axes
+    `(...)` of all others. No method changes a state. A part overrides what it needs; by default it draws, changes,
+    observes and reports nothing. At a reset `draw`, `scaled`, `start` and `evaluated` are called in this order, in a
+    control step `before`, `refresh`, `scaled` and `after`.
 
     Attributes:
       name: of the part, under which `EpisodeState.parts` and saved states have its state.
-      is_saved: whether saved states have it.
+      is_saved: whether saved states have it: a named tuple, or None for a part that keeps nothing.
+      suits_any_model: whether one part serves simulations of several models: of the physics it uses no indices but
+        those of the robot. Others are refused there unless `vector_env` joins them.
       parameters: those of its own that may vary; a part that has any takes part only where one of them varies.
       stage: stage of MuJoCo's pipeline up to which the state after a control step is evaluated before `after`.
     """
 
     name: ClassVar[str]
     is_saved: ClassVar[bool] = True
+    suits_any_model: ClassVar[bool] = False
     parameters: tuple[Parameter, ...] = ()
     stage: mujoco.mjtStage = mujoco.mjtStage.mjSTAGE_NONE
 
@@ -58,7 +62,10 @@ class EpisodePart:
         return part
 
     def evaluated(self, part: Any) -> Any:
-        """Returns the part's state once a single physics is evaluated: after a reset, or when a state has been set."""
+        """Returns the part's state once a single physics is evaluated: after a reset, or when a state has been set.
+
+        A part that is not saved finds here anew what it keeps.
+        """
         return part
 
     def before(self, part: Any, simulation: Simulation, mdp_state: Any, ctrl: Array) -> tuple[Any, Array]:
@@ -72,7 +79,7 @@ class EpisodePart:
         """Evaluates a single physics up to `stage`, as a batch does by itself."""
 
     def scaled(self, part: Any, draws: Array) -> Array:
-        """Returns the draws `(..., k)` of the observation noise as the part scales them."""
+        """Returns the draws `(..., k)` of the observation noise as the part scales them; at a reset before `start`."""
         return draws
 
     def after(self, part: Any, simulation: Simulation, step: Transition, draws: Draws) -> Any:

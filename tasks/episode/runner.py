@@ -206,13 +206,14 @@ class EpisodeRunner:
     def saved(self, state: EpisodeState) -> dict[str, dict[str, Any]]:
         """Returns what a saved state holds beside the MDP's state: fresh arrays by part and field."""
         command = {} if state.command is None else {"command": state.command}
-        parts = {**command, **{name: state.parts[name] for name, part in self.parts.items() if part.is_saved}}
+        kept = {name: state.parts[name] for name, part in self.parts.items() if part.is_saved}
+        parts = {**command, **{name: part for name, part in kept.items() if part is not None}}
         return {name: map_arrays(np.array, part._asdict()) for name, part in parts.items()}
 
     def restored(self, state: EpisodeState, saved: Mapping[str, Any]) -> EpisodeState:
         """Returns the state with what `saved` returned, among which there may be other entries."""
         parts = {
-            name: state.parts[name]._replace(**saved[name]) if part.is_saved else state.parts[name]
+            name: state.parts[name]._replace(**saved[name]) if part.is_saved and name in saved else state.parts[name]
             for name, part in self.parts.items()
         }
         command = None if state.command is None else state.command._replace(**saved["command"])

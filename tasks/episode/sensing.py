@@ -36,6 +36,7 @@ class Sensing(EpisodePart):
     """Scales the parts of the observation noise, and delays the targets of the actuators by a control step."""
 
     name = "sensing"
+    suits_any_model = True
 
     def __init__(self, mdp: MDP, robot: Robot) -> None:
         """Takes the MDP, which has the parts of the noise, and the robot that acts."""
@@ -60,7 +61,8 @@ class Sensing(EpisodePart):
         self, part: SensingState, simulation: Simulation, mdp_state: Any, ctrl: Array
     ) -> tuple[SensingState, Array]:
         late = np.where(part.delay[..., np.newaxis], part.target, ctrl)
-        return part._replace(target=ctrl), late
+        # A copy: the state of the MDP keeps the same array, and rows of both are set one by one.
+        return part._replace(target=ctrl.copy()), late
 
     def scaled(self, part: SensingState, draws: Array) -> Array:
         return draws * part.noise

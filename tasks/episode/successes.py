@@ -34,6 +34,7 @@ class Successes(EpisodePart):
     """The `extra_successes` of a task, which take the place of the success of its domain."""
 
     name = "own_success"
+    suits_any_model = True
 
     def __init__(self, conditions: Mapping[str, Condition]) -> None:
         """Takes the conditions by name: functions of a step that return fresh arrays."""

@@ -20,12 +20,16 @@ class Terminations(EpisodePart):
 
     name = "terminations"
     is_saved = False
+    suits_any_model = True
 
     def __init__(self, terms: Mapping[str, Termination]) -> None:
         """Takes the reasons by name: functions of a step that return fresh arrays."""
         self._terms = terms
 
     def start(self, part: Any, simulation: Simulation, mdp_state: Any, draws: Draws) -> Ended:
+        return dict.fromkeys(self._terms, np.array(False))
+
+    def evaluated(self, part: Ended) -> Ended:
         return dict.fromkeys(self._terms, np.array(False))
 
     def after(self, part: Ended, simulation: Simulation, step: Transition, draws: Draws) -> Ended:

@@ -213,8 +213,8 @@ class GeneratedKitchenTask(SuiteTask):
         self.set_mdp_state(GeneratedKitchenState.from_dict(state, self.state.slots))
 
     def publish(self, physics: mjcf.Physics | None) -> None:
-        """Updates the colours, given a physics."""
-        if self._visualize_reward and physics is not None:
+        """Updates the colours."""
+        if self._visualize_reward:
             within = self.state.progress.within[: len(self._parts)]
             self._highlighting.update(within.tolist())
 

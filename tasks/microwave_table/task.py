@@ -119,8 +119,8 @@ class MicrowaveTableTask(SuiteTask):
         data.ctrl[self._indices.ctrl] = pose
 
     def publish(self, physics: mjcf.Physics | None) -> None:
-        """Updates the door's colour, given a physics."""
-        if self._visualize_reward and physics is not None:
+        """Updates the door's colour."""
+        if self._visualize_reward:
             self._highlighting.update([bool(self.state.is_success)])
 
 

@@ -186,6 +186,6 @@ class OpenCabinetTask(SuiteTask):
         self.set_mdp_state(start._replace(**observed, **arrays, total_steps=np.array(total_steps)))
 
     def publish(self, physics: mjcf.Physics | None) -> None:
-        """Updates the handle's colour, given a physics."""
-        if self._visualize_reward and physics is not None:
+        """Updates the handle's colour."""
+        if self._visualize_reward:
             self._highlighting.update([bool(self.state.is_success)])

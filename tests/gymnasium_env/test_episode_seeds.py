@@ -156,3 +156,14 @@ def test_bad_values_are_refused(value):
         make(episode_seeds=value)
     with refused((TypeError, ValueError), "episode_seeds"):
         gymnasium.make_vec(KITCHEN, 2, vectorization_mode="vector_entry_point", episode_seeds=value)
+
+
+@pytest.mark.parametrize("copied", [lambda env: env, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_state_that_is_read_before_the_first_episode_skips_no_seed(copied):
+    env = gymnasium.make(suite.DOMAINS["open_cabinet"].env_id, episode_seeds=True).unwrapped
+    env.np_random = gymnasium.utils.seeding.np_random(5)[0]
+    env._np_random_seed = 5
+    env.get_state()
+    first, _ = copied(env).reset()
+    expected, _ = gymnasium.make(suite.DOMAINS["open_cabinet"].env_id, episode_seeds=True).unwrapped.reset(seed=5)
+    np.testing.assert_array_equal(first, expected)

@@ -1,5 +1,6 @@
 """The life of an episode: one and many draw alike and in one order, and a batch refuses what it has not evaluated."""
 
+import copy
 import dataclasses
 
 import gymnasium
@@ -111,3 +112,40 @@ def test_an_observation_of_what_a_batch_has_not_evaluated_is_refused(monkeypatch
     # Rows that have just been started would have that of an earlier state, even where the sensors evaluate it.
     with refused(ValueError, field, "extra_observations", "sensors"):
         environments.reset(seed=0)
+
+
+class EndingTask(OpenCabinetTask):
+    """A task that ends its episode at the second control step."""
+
+    extra_terminations = {"late": lambda step: np.abs(step.action[..., 0]) > 0.5}
+
+
+def test_an_episode_that_continues_from_a_state_has_not_ended_by_what_the_one_before_did():
+    domain = dataclasses.replace(suite.DOMAINS["open_cabinet"], name="ending", task=EndingTask, expert=None)
+    environment = domain.load(random=0, visuals=False)
+    size = environment.action_spec().shape[0]
+    environment.reset()
+    environment.step(np.zeros(size))
+    state = environment.get_state()
+    assert environment.step(np.eye(1, size)[0]).last()
+    assert environment.task.runner.info(environment.task.episode)["termination/late"]
+    environment.set_state(state)
+    assert not environment.task.runner.info(environment.task.episode)["termination/late"]
+    assert environment.step(np.zeros(size)).mid()
+
+
+@pytest.mark.parametrize("domain", ["open_cabinet", "microwave_table", "kitchens", "kitchen"])
+def test_a_copy_shows_success_as_the_original_does(domain):
+    environment = suite.load(domain, suite.default_task(domain), {"random": 0}, visualize_reward=True)
+    environment.reset()
+    physics = environment.physics
+    # Everything is opened as far as it goes.
+    joints = [joint for prop in environment.task.scene.props.values() for joint in prop.joints if joint.tag == "joint"]
+    for joint in joints:
+        bound = physics.bind(joint)
+        bound.qpos = bound.range[np.abs(bound.range).argmax()]
+    physics.forward()
+    environment.step(np.zeros(environment.action_spec().shape))
+    copied = copy.deepcopy(environment)
+    np.testing.assert_array_equal(copied.physics.model.geom_rgba, physics.model.geom_rgba)
+    np.testing.assert_array_equal(copied.physics.model.mat_rgba, physics.model.mat_rgba)
