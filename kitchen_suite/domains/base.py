@@ -276,7 +276,7 @@ class Domain:
         """Returns the scene for arguments of its own, in the physics of the settings; a ValueError if it has none."""
         scene: Scene = self.resolve("scene")(**arguments)
         if settings.physics == FAST and not scene.has_fast_physics:
-            robot = f" with robot {checks.shown(arguments['robot'])}" if "robot" in arguments else ""
+            robot = f" with robot {scene.robot.specification.name!r}" if "robot" in arguments else ""
             raise ValueError(f"{self.name} has no {FAST} physics{robot}: leave out physics")
         scene.use_physics(settings.physics)
         return scene

@@ -68,7 +68,7 @@ def test_other_control_modes_are_refused(mode):
 
 
 def test_fast_physics_is_refused():
-    with pytest.raises(ValueError, match="no physics 'fast' with robot 'my_arm'"):
+    with pytest.raises(ValueError, match="no fast physics with robot 'my_arm'"):
         load(physics="fast")
 
 

@@ -12,8 +12,8 @@ from dm_control import composer, mjcf
 from helpers.sweeps import brief
 
 from kitchen_suite import entities, suite
-from kitchen_suite.checks import install_command
 from kitchen_suite.entities.assets import asset_dir, is_visual
+from kitchen_suite.installation import install_command
 from kitchen_suite.rendering import quality as light_meshes
 from kitchen_suite.rendering.quality import set_render_quality
 

@@ -3,6 +3,7 @@
 python tests/tools/compare_trees.py REVISION                   compares that revision of this repository with this tree
 python tests/tools/compare_trees.py REVISION --only=vector     only the cases whose names match a regular expression
 python tests/tools/compare_trees.py REVISION --quick           a few cases of everything
+python tests/tools/compare_trees.py REVISION --ignore=digests  without the arrays whose names match
 python tests/tools/compare_trees.py REVISION --cache=FOLDER    keeps the arrays of the revision, and uses those kept
 
 Both trees play in processes of their own, on this machine and with the same packages. The cases of experts, recordings
@@ -144,12 +145,13 @@ def _difference(one: np.ndarray, other: np.ndarray) -> str:
     return f"at {place}: {str(one[place])[:80]} became {str(other[place])[:80]}; {len(places)} of {one.size} differ"
 
 
-def compare(folders: Mapping[str, Path], errors: Mapping[str, Mapping[str, str]]) -> bool:
+def compare(folders: Mapping[str, Path], errors: Mapping[str, Mapping[str, str]], ignore: str = "") -> bool:
     """Prints what differs between two trees; returns whether all is equal.
 
     Args:
       folders: of the arrays of both trees, by their names; the earlier one is first.
       errors: by tree, what `play_all` returned.
+      ignore: regular expression of names of arrays that are left out; none if it is empty.
     """
     (before, before_errors), (after, after_errors) = errors.items()
     problems, elements = 0, 0
@@ -158,6 +160,8 @@ def compare(folders: Mapping[str, Path], errors: Mapping[str, Mapping[str, str]]
         lines += [f"error on {tree}:\n{each[name]}" for tree, each in errors.items() if each.get(name)]
         if not lines:
             arrays = [pickle.loads((folders[tree] / file_name(name)).read_bytes()) for tree in (before, after)]
+            if ignore:
+                arrays = [{key: each[key] for key in each if not re.search(ignore, key)} for each in arrays]
             elements += sum(array.size for array in arrays[0].values())
             lines = differences(*arrays)
         problems += bool(lines)
@@ -198,6 +202,7 @@ def main() -> int:
     parser.add_argument("revision", help="revision of git to compare this tree with")
     parser.add_argument("--only", default="", help="play only the cases whose names match this regular expression")
     parser.add_argument("--quick", action="store_true", help="play a few cases of everything")
+    parser.add_argument("--ignore", default="", help="leave out arrays whose names match this regular expression")
     parser.add_argument("--cache", type=Path, help="folder that keeps the arrays of the revision")
     parser.add_argument("--tree", type=Path, default=trees.ROOT, help="tree to compare in place of this one")
     parser.add_argument("--workers", type=int, default=2, help="processes that play, by default 2")
@@ -213,7 +218,7 @@ def main() -> int:
         for name, folder in folders.items():
             folder.mkdir(parents=True, exist_ok=True)
             errors[name] = play_all(found[name], folder.resolve(), only, arguments.workers)
-        return 0 if compare(folders, errors) else 1
+        return 0 if compare(folders, errors, arguments.ignore) else 1
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import pytest
 from helpers.errors import refused
 from helpers.viser_client import CAMERA
 
-from kitchen_suite.checks import install_command
+from kitchen_suite.installation import install_command
 
 pytestmark = pytest.mark.web
 
