@@ -58,6 +58,7 @@ def test_pages_install_the_suite_in_the_form_of_the_errors_in_a_checkout(monkeyp
 
     # Wherever this suite was installed from.
     monkeypatch.setattr(importlib.metadata, "distribution", not_installed)
+    monkeypatch.setattr(installation, "__file__", str(ROOT / "kitchen_suite" / "installation.py"))
     monkeypatch.chdir(ROOT)
     requirement = installation.install_command("train").split("'")[1].removesuffix("[train]")
     for page in (page for page in [*PAGES, *DOCS.rglob("*.py"), *DOCS.rglob("*.ipynb")] if page.name not in EXEMPT):
