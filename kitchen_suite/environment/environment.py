@@ -297,6 +297,13 @@ class Environment(composer.Environment):
         """Returns whether the MJCF has been edited since it was compiled."""
         return self._compiled_mjcf.is_outdated()
 
+    @property
+    def starts_with_own_code(self) -> bool:
+        """Whether code that is not the suite's runs when an episode starts: a user's task, entity or extra hook."""
+        hook = self._hooks._initialize_episode  # noqa: SLF001
+        has_own_task = not type(self.task).__module__.startswith("kitchen_suite.")
+        return has_own_task or bool(hook.entity_hooks or hook.extra_hooks)
+
     def start_episode(self) -> None:
         """Starts an episode as `reset` does once the model is compiled, but does not update the observation."""
         self._check_open()

@@ -35,7 +35,11 @@ PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = {
         "_warnings",
     ),
     "dm_control.mujoco.engine:Camera": ("_render_on_gl_thread",),
-    "dm_control.composer.environment:_EnvironmentHooks": ("_after_substep", "_before_substep"),
+    "dm_control.composer.environment:_EnvironmentHooks": (
+        "_after_substep",
+        "_before_substep",
+        "_initialize_episode",
+    ),
     "dm_control.composer.environment:_Hook": ("entity_hooks", "extra_hooks"),
     "dm_control.composer.observation.updater:Updater": (
         "_enabled_structure",

@@ -97,8 +97,6 @@ class BatchEpisodes:
         for name in randomizer.visual_fields:
             self._model_fields[name] = [read_field(model, name) for model in models]
         self._snapshots = {each: ModelSnapshot(each.physics.model.ptr) for each in distinct}
-        # Resets of a user's task may write fields of the model that no table names; looking for them takes a while.
-        self._writers = {each for each in distinct if not type(each.task).__module__.startswith("kitchen_suite.")}
         self.streams = [Stream(None) for _ in range(count)]
         self.state: EpisodeState = self._task.episode.repeated(count)
         self._masked_variation_info: dict[str, Any] | None = None
@@ -168,7 +166,8 @@ class BatchEpisodes:
             if i in self._resets:
                 task.follow(self._resets.pop(i))
             environment.start_episode()
-            if environment in self._writers:
+            if environment.starts_with_own_code:
+                # It may have written fields of the model that no table names; looking for them takes a while.
                 self._expand_written_fields(environment)
             model, data = environment.physics.model.ptr, environment.physics.data.ptr
             mujoco.mj_getState(model, data, self.batch.state[i], INTEGRATION_STATE)

@@ -6,9 +6,16 @@ import pytest
 from helpers.sweeps import groups_of
 
 from kitchen_suite import suite
+from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
+from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.suite import DOMAINS
+from kitchen_suite.tasks import KitchenTask
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv
+from kitchen_suite.vector_env.base import SuiteVectorEnv
+
+# isort: split
+from dm_control.entities.props.primitive import Primitive
 
 LAYOUTS = {"variations": ["start", "layout", "dynamics"]}
 
@@ -24,6 +31,61 @@ def first_seed(monkeypatch):
         )
 
     return seeded
+
+
+def fill_kettle(physics, random_state):
+    """Gives the kettle a mass of its own in each episode [kg]."""
+    physics.named.model.body_mass["kettle/kettle"] = random_state.uniform(0.5, 2.0)
+
+
+class Water(Primitive):
+    """A drop on the counter that fills the kettle at the start of an episode."""
+
+    def initialize_episode(self, physics, random_state):
+        fill_kettle(physics, random_state)
+
+
+def build_scene_with_water(**options):
+    scene = build_kitchen_scene(**options)
+    scene.attach(Water(geom_type="sphere", size=(0.01,), name="water"), pos=(-0.65, -0.35, 1.7))
+    return scene
+
+
+def assert_kettles_are_filled_alike(envs, single):
+    """Compares masses of the kettle after resets with those of a single environment, which differ."""
+    masses = set()
+    for seed in (0, 2):
+        envs.reset(seed=seed)
+        for i in range(2):
+            single.reset(seed=seed + i)
+            mass = single.environment.physics.model.body_mass
+            np.testing.assert_array_equal(envs._episodes.batch.get_model(i).body_mass, mass)
+            masses.add(single.environment.physics.named.model.body_mass["kettle/kettle"])
+    assert len(masses) == 4
+
+
+WATER = suite.Domain(
+    "water_kitchen",
+    scene=build_scene_with_water,
+    task=KitchenTask,
+    tasks={"kettle": {}},
+    env_id="Mine/WaterKitchen-v1",
+    episode_steps=280,
+)
+
+
+def test_masses_that_a_users_entity_writes_differ_from_environment_to_environment(monkeypatch):
+    monkeypatch.setitem(suite._domains, WATER.name, WATER)
+    single = SuiteEnv(domain=WATER.name)
+    assert_kettles_are_filled_alike(SuiteVectorEnv(2, domain=WATER.name, num_threads=1), single)
+
+
+def test_masses_that_an_extra_hook_writes_differ_from_environment_to_environment():
+    envs = FrankaKitchenVectorEnv(2, num_threads=1)
+    single = FrankaKitchenEnv()
+    for environment in (envs.template_env.environment, single.environment):
+        environment.add_extra_hook("initialize_episode", fill_kettle)
+    assert_kettles_are_filled_alike(envs, single)
 
 
 def written_fields(env, seeds):
