@@ -63,7 +63,7 @@ def covered(distances: Array, initial: Array) -> Array:
 
 
 class CompletionStep(Protocol):
-    """What terms of the sparse reward read of a control step."""
+    """A control step, as far as terms of the sparse reward read it."""
 
     @property
     def completions(self) -> NDArray[np.bool_]:
@@ -71,7 +71,7 @@ class CompletionStep(Protocol):
 
 
 class SharesStep(Protocol):
-    """What terms of the dense rewards read of a control step."""
+    """A control step, as far as terms of the dense rewards read it."""
 
     @property
     def shares(self) -> Shares:

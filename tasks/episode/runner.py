@@ -189,7 +189,7 @@ class EpisodeRunner:
 
     @functools.cached_property
     def _observed_simulation(self) -> Simulation:
-        """What observations read: of many episodes, some may just have been started, and not been evaluated yet."""
+        """The simulation that observations read; of many episodes, some may have started and not been evaluated yet."""
         return self.simulation.unevaluated
 
     def mdp_info(self, state: EpisodeState) -> dict[str, NDArray]:

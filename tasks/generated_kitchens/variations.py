@@ -1,4 +1,4 @@
-"""What varies in generated kitchens, and how."""
+"""The variations of the generated_kitchens domain."""
 
 from kitchen_suite.tasks.episode.pushes import PUSH
 from kitchen_suite.tasks.variations import appearance

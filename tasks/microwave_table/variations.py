@@ -1,4 +1,4 @@
-"""What varies in the microwave_table domain, and how."""
+"""The variations of the microwave_table domain."""
 
 from kitchen_suite.tasks.episode.pushes import PUSH
 from kitchen_suite.tasks.variations import appearance

@@ -186,7 +186,7 @@ def _inside(share: Array) -> Array:
 
 
 class RewardedState(Protocol):
-    """What terms read of the state before or after a control step.
+    """The state before or after a control step, as far as terms of the reward read it.
 
     Attributes:
       previous_action: `(..., k)`, action of the last step.
@@ -205,7 +205,7 @@ class RewardedState(Protocol):
 
 
 class OpenCabinetStep(Protocol):
-    """What terms read of a control step.
+    """A control step, as far as terms of the reward read it.
 
     Attributes:
       before: the state before the step.

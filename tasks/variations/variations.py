@@ -120,7 +120,7 @@ class Variations:
 
     @property
     def definition(self) -> dict[str, Any]:
-        """What varies, by name of the argument: distributions by parameter, or the names of those of the groups."""
+        """The arguments that choose variations, by name: distributions by parameter or names of groups, and a split."""
         varied = {name: self._given.get(name) for name in self._rows}
         return {"variations": varied, "variation_split": self.split if varied else None}
 

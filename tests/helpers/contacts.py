@@ -15,7 +15,9 @@ def forces_by_hand(environment, data):
     """
     model = environment.physics.model.ptr
     of_robot, of_hand = _parts(environment)
-    forces, wrench, count = np.zeros(2), np.zeros(6), 0
+    forces = np.zeros(2)
+    wrench = np.zeros(6)
+    count = 0
     for number, bodies in enumerate(model.geom_bodyid[np.reshape(data.contact.geom, (-1, 2))]):
         count += of_robot[bodies].any()
         if of_robot[bodies].sum() == 1:
