@@ -131,7 +131,7 @@ def test_surfaces_have_the_colours_that_were_built(room):
         for geom in surface.geoms:
             built = np.float32(surface.color) * np.float32(surface.shades.get(geom, 1.0))
             np.testing.assert_array_equal(room.physics.named.model.geom_rgba[geom][:3], built, geom)
-        np.testing.assert_array_equal(color.get(room.physics), np.float32(surface.color))
+        np.testing.assert_array_equal(color.get(room.physics), surface.color)
 
 
 def test_values_can_be_read_back(room):
