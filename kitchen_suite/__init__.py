@@ -6,7 +6,8 @@
 Episodes are played by functions, of environments that an `EnvironmentSpec` describes:
 
 - `play`: episodes of a policy; `record`: to a folder, which `convert` makes data sets of
-- `evaluate`: a policy under a published protocol; `replay`: a recording, or the receipt of an evaluation, again
+- `evaluate`: a policy under a published protocol; the `Evaluation` can be written, read, checked and compared
+- `replay`: a recording, or the receipt of an evaluation, again
 - `compare`: two policies on the same episodes
 
 The parts are submodules, imported when first used:
@@ -38,11 +39,13 @@ if _TYPE_CHECKING:
     from kitchen_suite.episodes.spec import EnvironmentSpec as EnvironmentSpec
     from kitchen_suite.evaluation.compare import compare as compare
     from kitchen_suite.evaluation.evaluate import evaluate as evaluate
+    from kitchen_suite.evaluation.evaluation import Evaluation as Evaluation
     from kitchen_suite.evaluation.replay import replay as replay
 
 _MODULES = ["entities", "environment", "gymnasium_env", "policies", "suite", "tasks", "vector_env"]
-_FUNCTIONS = {
+_MEMBERS = {
     "EnvironmentSpec": "kitchen_suite.episodes.spec:EnvironmentSpec",
+    "Evaluation": "kitchen_suite.evaluation.evaluation:Evaluation",
     "compare": "kitchen_suite.evaluation.compare:compare",
     "convert": "kitchen_suite.datasets.convert:convert",
     "evaluate": "kitchen_suite.evaluation.evaluate:evaluate",
@@ -53,6 +56,7 @@ _FUNCTIONS = {
 
 __all__ = [
     "EnvironmentSpec",
+    "Evaluation",
     "compare",
     "convert",
     "entities",
@@ -72,5 +76,5 @@ __all__ = [
 __getattr__, __dir__ = _lazy.attributes(
     __name__,
     [*__all__, "__version__", "experts"],
-    {**{name: f"kitchen_suite.{name}:" for name in [*_MODULES, "experts"]}, **_FUNCTIONS},
+    {**{name: f"kitchen_suite.{name}:" for name in [*_MODULES, "experts"]}, **_MEMBERS},
 )

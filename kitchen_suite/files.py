@@ -206,6 +206,29 @@ def _is_running(process: int) -> bool:
     return True
 
 
+def check_destinations(paths: Mapping[str, Path], reserved: Iterable[Path] = ()) -> None:
+    """Raises an OSError or a ValueError unless each of some files can be written, and none in place of another.
+
+    Whoever computes for long calls it before the start.
+
+    Args:
+      paths: of the files by the names of the arguments that they were given as.
+      reserved: paths of other files that are read or written.
+    """
+    taken = {path.resolve(): "a file that is in use" for path in reserved}
+    for name, path in paths.items():
+        if path.is_dir():
+            raise IsADirectoryError(f"{name} must be a file, and {str(path)!r} is a folder")
+        if path.exists() and not path.is_file():
+            raise ValueError(f"{name} must be a file, and {str(path)!r} is none")
+        if not path.absolute().parent.is_dir():
+            raise FileNotFoundError(f"there is no folder {str(path.parent)!r} for {name}")
+        check_writable(path.absolute().parent)
+        if other := taken.get(path.resolve()):
+            raise ValueError(f"{name} and {other} must be different files: both are {str(path)!r}")
+        taken[path.resolve()] = name
+
+
 def check_writable(folder: Path) -> None:
     """Raises a PermissionError if nothing can be written to a folder."""
     if not os.access(folder, os.W_OK):
@@ -375,23 +398,6 @@ def _is_deeper(value: Any, levels: int) -> bool:
         return False
     inner = value.values() if isinstance(value, dict) else value
     return levels == 0 or any(_is_deeper(each, levels - 1) for each in inner)
-
-
-def digest_line(entries: Mapping[str, Any], context: str) -> str:
-    """Returns entries as JSON in one line that ends with a SHA-256 of them, and of the context that they belong to."""
-    digest = hashlib.sha256(f"{context}\n{json_text(entries)}".encode()).hexdigest()
-    return json_text({**entries, "sha256": digest})
-
-
-def parse_digest_line(line: bytes, context: str) -> dict[str, Any]:
-    """Returns the entries of a line; raises a ValueError unless it is, byte for byte, what `digest_line` returned."""
-    entries = parse_json(line)
-    if not isinstance(entries, dict) or "sha256" not in entries:
-        raise ValueError("it has no sha256: it is damaged, or of an earlier version, which is not resumed")
-    del entries["sha256"]
-    if digest_line(entries, context).encode() != line:
-        raise ValueError("its sha256 does not match: it, or the description that it belongs to, was changed")
-    return entries
 
 
 def parse(value: Any, kind: type[T], what: str) -> T:

@@ -32,10 +32,10 @@ from kitchen_suite.datasets import minari
 from kitchen_suite.datasets.human import ACTION_SIZE, D4RLData, MinariData, as_episode
 from kitchen_suite.episodes import recording
 from kitchen_suite.episodes.episode import PHYSICS_STATE
-from kitchen_suite.episodes.replay import Verdict, compare, replay_episode
+from kitchen_suite.episodes.replay import compare, replay_episode
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder
-from kitchen_suite.evaluation.receipts import Receipt, Trace, sealed
+from kitchen_suite.evaluation.receipt import Receipt, Trace, sealed
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
@@ -142,7 +142,7 @@ def play(source, index, environment):
     """Whether the replay of an episode of a recording is equal."""
     recorded = source.load(index)
     replayed = replay_episode(environment, recorded, source.spec.seeding)
-    return compare(environment.unwrapped.composer_task, recorded, replayed).verdict is Verdict.EQUAL
+    return compare(environment.unwrapped.composer_task, recorded, replayed).verdict == "equal"
 
 
 def same(one, other):

@@ -13,7 +13,7 @@ LIBRARIES = {
     "h5py": {"datasets.hdf5"},
     "websockets": {"policies.remote"},
     "msgpack": {"policies.remote"},
-    "zipfile": {"files", "evaluation.receipts", "training.checkpoints"},
+    "zipfile": {"files", "evaluation.receipt", "training.checkpoints"},
     "numpy.lib": {"files"},
     # Its names of hosts and bound ports; no data are read by it.
     "socket": {"files", "episodes.cluster", "viewer.servers"},

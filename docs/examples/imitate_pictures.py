@@ -14,6 +14,7 @@ from torch import nn
 
 import kitchen_suite
 from kitchen_suite import EnvironmentSpec
+from kitchen_suite.evaluation.text import format_evaluation
 
 TASK = {"tasks_to_complete": ["kettle", "microwave"], "goals": {"microwave": [-1.2]}, "reward": "dense_gain"}
 CAMERA = {"obs_type": "pixels_agent_pos", "cameras": ["workspace"], "image_size": [64, 64], "render_quality": "fast"}
@@ -73,4 +74,4 @@ if __name__ == "__main__":
     task = {**TASK, **CAMERA, "variations": None}
     spec = EnvironmentSpec.make("kitchen", "all", task)
     train(kitchen_suite.record("pictures", spec, "expert(action_noise=0.1, jitter=0.01)", num_episodes=20), steps=1500)
-    kitchen_suite.evaluate(act, task_name="all", task_kwargs=task, num_episodes=10, verbose=True)
+    print(format_evaluation(kitchen_suite.evaluate(act, task_name="all", task_kwargs=task, num_episodes=10)))

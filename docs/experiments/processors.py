@@ -29,7 +29,7 @@ from tqdm import tqdm
 
 from kitchen_suite import doctor, policies, suite
 from kitchen_suite.evaluation import verify
-from kitchen_suite.evaluation.receipts import Receipt
+from kitchen_suite.evaluation.receipt import Receipt
 from kitchen_suite.policies import Policy
 
 RECEIPTS = RESULTS / "receipts"

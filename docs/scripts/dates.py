@@ -15,7 +15,7 @@ from typing import Any
 
 from experiment import RESULTS, make_parser
 
-from kitchen_suite.evaluation.receipts import Receipt
+from kitchen_suite.evaluation.receipt import Receipt
 from kitchen_suite.versions import installed_versions
 
 DATES = RESULTS / "dates.json"

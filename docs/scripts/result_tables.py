@@ -15,8 +15,8 @@ from tabulate import tabulate
 
 from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.evaluation.compare import compare
-from kitchen_suite.evaluation.comparison_tables import format_comparison
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
+from kitchen_suite.evaluation.text import format_comparison
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.generated_kitchens import certificates
 

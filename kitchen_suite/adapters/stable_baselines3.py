@@ -17,7 +17,8 @@ from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from kitchen_suite import checks, signatures
 from kitchen_suite.closing import closed_on_error
-from kitchen_suite.evaluation.evaluate import Evaluation, evaluate
+from kitchen_suite.evaluation.evaluate import evaluate
+from kitchen_suite.evaluation.evaluation import Evaluation
 from kitchen_suite.evaluation.plan import Replaced, make_plan
 from kitchen_suite.policies import BATCH, PolicyRef
 from kitchen_suite.vector_env import arguments as vector_arguments

@@ -22,9 +22,9 @@ DESCRIPTION = """Compares policies that were evaluated on the same episodes, pai
 
 Each is a receipt of kitchen-evaluate, its JSON with --episodes, or a folder of kitchen-record. A difference is the
 first policy's score less the second's; intervals are of 95 %. Protocol, seeds, environments, physics and versions must
-be the same. docs/guide/comparison.md explains the results. Exit status: 0; 1 if a file cannot be read or written; 2
-for a bad argument, or episodes that cannot be paired, with one line on stderr that names what differs; 130 if
-interrupted.
+be the same. docs/guide/comparison.md explains the results. Exit status: 0; 1 if a file cannot be read or written, or
+was altered; 2 for a bad argument, or episodes that cannot be paired, with one line on stderr that names what differs;
+130 if interrupted.
 """
 
 _EPISODES = 3  # In a video, by default.
@@ -44,11 +44,10 @@ def run(given: FlagValues, *sources: str) -> None:
     from kitchen_suite import files
     from kitchen_suite.episodes.report import print_line
     from kitchen_suite.evaluation.compare import all_as_json, compare_all
-    from kitchen_suite.evaluation.comparison_tables import format_comparison, format_comparisons
+    from kitchen_suite.evaluation.text import format_comparison, format_comparisons
 
-    paths = [path.resolve() for path in (given.json, given.video, given.web) if path]
-    if len({*paths, *(Path(source).resolve() for source in sources)}) < len(paths) + len({*sources}):
-        raise ValueError("json, video and web must be different files, and none of those compared")
+    wanted = {"json": given.json, "video": given.video, "web": given.web}
+    files.check_destinations({name: path for name, path in wanted.items() if path}, map(Path, sources))
     is_watched = bool(given.video or given.web)
     if is_watched and len(sources) > 2:
         raise ValueError(f"a video or a page shows two policies, not {len(sources)}")
@@ -95,7 +94,7 @@ def _watch(given: FlagValues, comparison: "PairedComparison") -> None:
             frames_per_second=given.video_fps,
             render_quality=given.render_quality,
         )
-        print_line("")
+        print_line(f"\nfilming {counted(min(given.video_episodes, len(comparison.differing)))} side by side")
         count = film(comparison, given.video, picture, given.video_episodes)
         print_line(f"video {given.video}: {counted(count)} of {len(comparison.differing)} that differ")
     if given.web:

@@ -26,8 +26,9 @@ _DEFAULT_FORMAT = "minari"
 
 def define(values: FlagValues) -> None:
     """Defines the flags."""
-    formats = f"Format of the dataset: minari, lerobot, robomimic, ogbench or d4rl; else {_DEFAULT_FORMAT}."
-    DEFINE_string("format", None, formats, values)
+    from kitchen_suite.datasets.formats import FORMATS
+
+    DEFINE_string("format", None, f"Format of the dataset: {', '.join(FORMATS)}; else {_DEFAULT_FORMAT}.", values)
     name = "Name of the dataset to make, such as me/kettle; in Minari it ends in a version, such as me/kettle-v0."
     DEFINE_string("dataset", None, name, values)
     flags.folder(values, "output", "Folder of the recording to make of demonstrations of people.")

@@ -12,6 +12,8 @@ from kitchen_suite.evaluation.protocols import PROTOCOLS
 
 if TYPE_CHECKING:
     from kitchen_suite.episodes.spec import EnvironmentSpec
+    from kitchen_suite.evaluation.plan import EvaluationPlan
+    from kitchen_suite.evaluation.scores import EpisodeResult
 
 _DESCRIPTION = """Evaluates a policy under a published protocol, with confidence intervals. Needs no display.
 
@@ -69,52 +71,81 @@ def define(values: FlagValues) -> None:
 
 def run(given: FlagValues) -> None:
     """Evaluates the policy; prints the scores, and writes the files that are wanted."""
-    from kitchen_suite import files
     from kitchen_suite.episodes.report import print_line
     from kitchen_suite.episodes.spec import EnvironmentSpec
-    from kitchen_suite.evaluation import tables
-    from kitchen_suite.evaluation.evaluate import evaluate, play_again
-    from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE
-    from kitchen_suite.policies import PolicyRef
+    from kitchen_suite.evaluation import text
+    from kitchen_suite.evaluation.evaluate import check_destinations, evaluate
+    from kitchen_suite.evaluation.rollout import watch_episodes
 
-    own = [given.output / name for name in (DESCRIPTION_FILE, EPISODES_FILE)] if given.output else []
-    paths = [path.resolve() for path in (given.json, given.receipt, given.web, *own) if path]
-    if len({*paths}) < len(paths):
-        raise ValueError("json, receipt and web must be different files, and none of the output's own")
+    check_destinations(given.output, {"json": given.json, "receipt": given.receipt, "web": given.web})
     kwargs = flags.environment_kwargs(given)
     spec = EnvironmentSpec.make(given.domain_name, given.task_name, kwargs)
     flags.prepare_images(spec)
     if given.web:
         _check_page(given, spec)
-    evaluation = evaluate(
-        given.policy,
-        protocol=given.protocol,
-        domain_name=given.domain_name,
-        task_name=given.task_name,
-        task_kwargs=kwargs,
-        seed=given.seed,
-        num_episodes=given.num_episodes,
-        max_episode_steps=given.max_episode_steps,
-        dataset=given.dataset,
-        num_envs=given.num_envs,
-        num_threads=given.num_threads,
-        cluster=flags.make_cluster(given),
-        output=given.output,
-        resume=given.resume,
-        receipt=given.receipt,
-        verbose=True,
-        table_format=given.format,
-    )
+    with _Scores(given) as scores:
+        evaluation = evaluate(
+            given.policy,
+            protocol=given.protocol,
+            domain_name=given.domain_name,
+            task_name=given.task_name,
+            task_kwargs=kwargs,
+            seed=given.seed,
+            num_episodes=given.num_episodes,
+            max_episode_steps=given.max_episode_steps,
+            dataset=given.dataset,
+            num_envs=given.num_envs,
+            num_threads=given.num_threads,
+            cluster=flags.make_cluster(given),
+            output=given.output,
+            resume=given.resume,
+            receipt=given.receipt,
+            announce=scores.begin,
+            progress=scores.add,
+        )
+    if totals := text.format_totals(evaluation, given.format):
+        print_line(f"\n{totals}")
     if given.episodes:
-        print_line(f"\n{tables.format_episodes(evaluation.results, given.format)}")
+        print_line(f"\n{text.format_episodes(evaluation.results, given.format)}")
     if given.json:
-        rows = {"episodes": evaluation.episode_rows} if given.episodes else {}
-        with files.atomic_write(given.json) as partial:
-            files.write_json(partial, {**evaluation.as_json(), **rows}, indent=1)
+        evaluation.write_json(given.json, episodes=given.episodes)
     if given.web:
-        count = min(given.web_episodes, evaluation.plan.num_episodes)
         with watching.page(given, None) as watch:
-            play_again(evaluation.plan, PolicyRef.parse(given.policy), count, watch)
+            watch_episodes(evaluation.plan, evaluation.results, evaluation.traces, given.web_episodes, watch)
+
+
+class _Scores(contextlib.ExitStack):
+    """Prints the scores of each condition as soon as its last episode has ended, below a progress bar."""
+
+    def __init__(self, given: FlagValues) -> None:
+        super().__init__()
+        self._format: str = given.format
+        self._policy: str = given.policy
+
+    def begin(self, plan: "EvaluationPlan") -> None:
+        """Prints what is evaluated, and shows the progress bar."""
+        from kitchen_suite.episodes.report import EpisodeBar, paragraph, print_line
+        from kitchen_suite.evaluation import text
+        from kitchen_suite.policies import PolicyRef
+
+        self._plan = plan
+        starts = text.format_starts(plan, PolicyRef.parse(self._policy))
+        parts = [text.format_heading(plan), text.format_changes(plan), starts]
+        print_line(paragraph("\n".join(filter(None, parts)), self._format))
+        self._bar = self.enter_context(EpisodeBar(plan.num_episodes * len(plan.specs)))
+        self._results: dict[str, list[EpisodeResult]] = {name: [] for name in plan.specs}
+
+    def add(self, result: "EpisodeResult") -> None:
+        """Counts an episode."""
+        from kitchen_suite.episodes.report import print_line
+        from kitchen_suite.evaluation import text
+
+        self._bar.count(result.success)
+        name = result.condition
+        self._results[name].append(result)
+        if len(self._results[name]) == self._plan.num_episodes and not self._plan.is_sample:
+            in_order = sorted(self._results[name], key=lambda each: each.episode)
+            print_line(f"\n{text.format_condition(self._plan, name, in_order, self._format)}")
 
 
 def _check_page(given: FlagValues, spec: "EnvironmentSpec") -> None:

@@ -24,6 +24,7 @@ def watching(given: FlagValues, environment: "Environment", *, num_episodes: int
       num_episodes: number of episodes that will be played.
       max_steps: control steps of an episode at most.
     """
+    from kitchen_suite.episodes.report import print_line
     from kitchen_suite.episodes.video import EpisodeVideo
 
     watches: list[Watch] = []
@@ -38,6 +39,7 @@ def watching(given: FlagValues, environment: "Environment", *, num_episodes: int
                 frames_per_second=given.video_fps,
                 num_episodes=min(given.video_episodes, num_episodes),
                 max_steps=max_steps,
+                report=print_line,
             )
             watches.append(stack.enter_context(video.open()))
         if given.web:

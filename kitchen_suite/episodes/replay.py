@@ -4,12 +4,11 @@ import kitchen_suite.rendering.without_gl  # noqa: F401
 
 # isort: split
 import dataclasses
-import enum
 import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.closing import closed_on_error
+from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.episode import PHYSICS_STATE, Episode, EpisodeBuffer, Watch, ignore
 from kitchen_suite.episodes.play import episode_name
 from kitchen_suite.episodes.recording import Recording
@@ -25,18 +25,16 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.tasks.requests import VARIATION_VALUES
 from kitchen_suite.tasks.task import SuiteTask
 
+Verdict = Literal["equal", "other digits", "altered"]
+"""The result of playing an episode again.
 
-class Verdict(enum.IntEnum):
-    """The result of a replay; the values are exit statuses of `kitchen-replay`."""
+- `equal`: all numbers are equal to the bit
+- `other digits`: all scores are equal, but not all numbers
+- `altered`: scores differ: the recording or receipt was altered, or this is another machine
+"""
 
-    EQUAL = 0
-    """All numbers are equal to the bit."""
-
-    ALTERED = 1
-    """Scores differ, so that the recording or receipt was altered, or this is another machine."""
-
-    DIGITS_DIFFER = 3
-    """The scores stand, but some numbers differ."""
+# From worst to best.
+_VERDICTS: tuple[Verdict, ...] = ("altered", "other digits", "equal")
 
 
 def replay_episode(environment: gymnasium.Env, recorded: Episode, seeding: str, watch: Watch = ignore) -> Episode:
@@ -54,18 +52,43 @@ def replay_episode(environment: gymnasium.Env, recorded: Episode, seeding: str, 
     shape, expected = recorded.arrays["action"].shape[1:], environment.action_space.shape
     if shape != expected:
         raise ValueError(f"episode {recorded.index} has actions of shape {shape}, the environment {expected}")
-    task = suite_env(environment).composer_task
-    observation, info = reset_to_seed(environment, recorded.seed, seeding, reset_options(task, recorded))
+    options = reset_options(suite_env(environment).composer_task, recorded)
     name = episode_name(recorded.index, recorded.seed)
-    buffer = EpisodeBuffer(observation, info, suite_env(environment).physics_state, name)
-    inner = suite_env(environment).environment
-    watch(buffer, inner)
-    for action in recorded.arrays["action"]:
-        buffer.step(environment, action)
-        watch(buffer, inner)
+    for step in replayed_steps(environment, recorded.seed, seeding, options, recorded.arrays["action"], name):
+        watch(*step)
+    buffer, _ = step
     episode = buffer.episode(environment, recorded.index, recorded.seed)
     own = {"action": recorded.arrays["action"], **recorded.labels}
     return dataclasses.replace(episode, arrays={**episode.arrays, **own})
+
+
+def replayed_steps(
+    environment: gymnasium.Env,
+    seed: int,
+    seeding: str,
+    options: Mapping[str, Any] | None,
+    actions: NDArray,
+    name: str,
+) -> Iterator[tuple[EpisodeBuffer, Environment]]:
+    """Plays an episode from its actions; yields it in progress, after its reset and after every step.
+
+    Args:
+      environment: of the episode's specification.
+      seed: of the episode.
+      seeding: one of `episodes.spec.SEEDINGS`.
+      options: of the reset.
+      actions: `(T, k)`.
+      name: of the episode, for those who watch it.
+
+    Raises a PhysicsError where the physics diverges.
+    """
+    inner = suite_env(environment)
+    observation, info = reset_to_seed(environment, seed, seeding, options)
+    buffer = EpisodeBuffer(observation, info, inner.physics_state, name)
+    yield buffer, inner.environment
+    for action in actions:
+        buffer.step(environment, action)
+        yield buffer, inner.environment
 
 
 def reset_options(task: SuiteTask, recorded: Episode) -> dict[str, Any] | None:
@@ -76,11 +99,16 @@ def reset_options(task: SuiteTask, recorded: Episode) -> dict[str, Any] | None:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Comparison:
+class ReplayedEpisode:
     """The differences between a recorded episode and its replay; steps count from 1, None without a difference.
 
     Attributes:
+      condition: name of the episode's task.
+      episode: number of the episode.
+      seed: of the episode.
       steps: number of control steps.
+      recorded_return: sum of the recorded rewards.
+      replayed_return: sum of the rewards of the replay.
       rewards: first step with another reward.
       completions: first step after which other tasks are within their threshold (open_cabinet: with another success).
       tasks: those that differ there.
@@ -88,8 +116,11 @@ class Comparison:
       observation_difference: maximum over all numbers of the observations, goals included; NaN where one is NaN, inf
         where an array is missing or has another shape.
       arrays: names of all arrays that are missing in one episode, or differ in shape or in a number; NaN differs.
+      last_info: infos of the replay after its last control step.
     """
 
+    condition: str
+    episode: int
     seed: int | None
     steps: int
     recorded_return: float
@@ -100,22 +131,33 @@ class Comparison:
     ends: int | None
     observation_difference: float
     arrays: tuple[str, ...]
+    last_info: Mapping[str, Any]
 
     @property
     def verdict(self) -> Verdict:
+        """`equal`, `other digits` or `altered`."""
         if (self.rewards, self.completions, self.ends) != (None, None, None):
-            return Verdict.ALTERED
-        return Verdict.DIGITS_DIFFER if self.arrays else Verdict.EQUAL
+            return "altered"
+        return "other digits" if self.arrays else "equal"
+
+    @property
+    def differences(self) -> tuple[str, ...]:
+        """What differs, in words; empty if nothing does."""
+        steps = {"rewards": self.rewards, "completions": self.completions, "ends": self.ends}
+        found = [f"{name} differ at control step {step}" for name, step in steps.items() if step is not None]
+        return (*found, *(f"{name} differs" for name in self.arrays))
 
 
-def compare(task: SuiteTask, recorded: Episode, replayed: Episode) -> Comparison:
-    """Compares an episode with its replay."""
+def compare(task: SuiteTask, recorded: Episode, replayed: Episode, condition: str) -> ReplayedEpisode:
+    """Compares an episode with its replay; `condition` is the name of the task."""
     one, other = recorded.arrays, replayed.arrays
     ends = (one["termination"] != other["termination"]) | (one["truncation"] != other["truncation"])
     completions, tasks = _compare_completions(task, recorded, replayed)
     # Older recordings lack the physics state.
     names = [name for name in {**one, **other} if name != PHYSICS_STATE or name in one]
-    return Comparison(
+    return ReplayedEpisode(
+        condition=condition,
+        episode=recorded.index,
         seed=recorded.seed,
         steps=recorded.steps,
         recorded_return=float(one["reward"].sum()),
@@ -128,6 +170,7 @@ def compare(task: SuiteTask, recorded: Episode, replayed: Episode) -> Comparison
         arrays=tuple(
             name for name in names if name not in one or name not in other or not np.array_equal(one[name], other[name])
         ),
+        last_info=replayed.last_info,
     )
 
 
@@ -177,7 +220,9 @@ class Replay:
       indices: numbers of the episodes.
     """
 
-    def __init__(self, recording: Recording, episodes: str | None, count: int, **rendering: Any) -> None:
+    def __init__(
+        self, recording: Recording, episodes: str | Sequence[int] | None, count: int, **rendering: Any
+    ) -> None:
         """Chooses the episodes as `choose` does; `rendering` are arguments of the environment."""
         if recording.spec.origin is not None:
             raise ValueError(f"{recording.folder} holds episodes of another program, without seeds to replay from")
@@ -191,11 +236,8 @@ class Replay:
             except RuntimeError as error:
                 raise OSError(f"the recording holds images: {error}") from error
 
-    def __iter__(self) -> Iterator[tuple[int, Comparison]]:
-        return self.run()
-
-    def run(self, watch: Watch = ignore) -> Iterator[tuple[int, Comparison]]:
-        """Yields number and comparison of each episode; `watch` is called after every reset and every step.
+    def run(self, watch: Watch = ignore) -> Iterator[ReplayedEpisode]:
+        """Yields the comparison of each episode; `watch` is called after every reset and every step.
 
         Raises an OSError if an episode cannot be read, or its arrays do not fit the environment.
         """
@@ -206,30 +248,43 @@ class Replay:
                 replayed = replay_episode(self.environment, recorded, self.recording.spec.seeding, watch)
             except ValueError as error:
                 raise OSError(f"{self.recording.folder} cannot be replayed: {error}") from error
-            yield index, compare(task, recorded, replayed)
+            yield compare(task, recorded, replayed, self.recording.spec.task_name)
 
 
 def worst(verdicts: Iterable[Verdict]) -> Verdict:
     """Returns the verdict on all of several episodes."""
     found = {*verdicts}
-    return next((each for each in (Verdict.ALTERED, Verdict.DIGITS_DIFFER) if each in found), Verdict.EQUAL)
+    return next((verdict for verdict in _VERDICTS if verdict in found), "equal")
 
 
-def choose(indices: Sequence[int], wanted: str | None, count: int) -> list[int]:
+def choose(indices: Sequence[int], wanted: str | Sequence[int] | None, count: int) -> list[int]:
     """Returns the episodes to replay, of all `indices` in order.
 
-    `wanted` is `all`, or numbers and ranges such as `0,5,7-9`; None for `count`, spread evenly from first to last.
+    `wanted` is `all`, numbers and ranges such as `0,5,7-9`, or a sequence of numbers; None for `count`, spread evenly
+    from first to last.
     """
     if not indices:
         raise ValueError("there are no episodes")
     if wanted is None:
-        chosen = np.linspace(0, len(indices) - 1, min(count, len(indices))).round().astype(int)
-        return [indices[i] for i in chosen]
-    return list(indices) if wanted == "all" else _listed(indices, wanted)
+        places = np.linspace(0, len(indices) - 1, min(count, len(indices))).round().astype(int)
+        return [indices[i] for i in places]
+    if isinstance(wanted, str):
+        return list(indices) if wanted == "all" else _listed(indices, wanted)
+    if not isinstance(wanted, Iterable):
+        raise TypeError(f"episodes must be 'all', text such as '0,5,7-9', or numbers, got {checks.shown(wanted)}")
+    chosen = [checks.integer(number, "a number of episodes", minimum=0) for number in wanted]
+    for number in chosen:
+        _check_present(indices, number)
+    return chosen
+
+
+def _check_present(indices: Sequence[int], number: int) -> None:
+    if number not in indices:
+        raise ValueError(f"there is no episode {number}: there are {len(indices)}, from {indices[0]}")
 
 
 def _listed(indices: Sequence[int], wanted: str) -> list[int]:
-    present, chosen = {*indices}, list[int]()
+    chosen: list[int] = []
     for part in wanted.split(","):
         if not (match := re.fullmatch(r"(\d+)(?:-(\d+))?", part)):
             raise ValueError(f"episodes must be 'all', or such as 0,5,7-9, got {checks.shown(wanted)}")
@@ -238,7 +293,6 @@ def _listed(indices: Sequence[int], wanted: str) -> list[int]:
             raise ValueError(f"the range {part} of episodes is empty")
         # The ends come first: a range may have any length.
         for number in itertools.chain((first, last), range(first, last + 1)):
-            if number not in present:
-                raise ValueError(f"there is no episode {number}: there are {len(indices)}, from {indices[0]}")
+            _check_present(indices, number)
         chosen += range(first, last + 1)
     return chosen

@@ -5,7 +5,7 @@ import dataclasses
 import json
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, cast
 
 import gymnasium
@@ -269,6 +269,11 @@ class EpisodeSpec(EnvironmentSpec):
         # The order of the attributes in files.
         order = ("domain_name", "task_name", "task_kwargs", "policy", "seed", "seeding", "max_episode_steps")
         return {name: value for name, value in {**dict.fromkeys(order), **record}.items() if value is not None}
+
+    def without(self, arguments: Collection[str]) -> "EpisodeSpec":
+        """Returns the specification without some arguments of the environment."""
+        kwargs = {name: value for name, value in self.task_kwargs.items() if name not in arguments}
+        return dataclasses.replace(self, task_kwargs=kwargs)
 
     def seed_of(self, index: int) -> int | None:
         """Returns the seed of an episode; None where another program recorded it."""

@@ -15,7 +15,7 @@ from kitchen_suite import files, installation
 from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.episode import EpisodeBuffer, Summary, Watch
 from kitchen_suite.episodes.play import SingleRollout
-from kitchen_suite.episodes.report import counted, print_line
+from kitchen_suite.episodes.report import counted
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyRef
@@ -41,7 +41,7 @@ def open_video(
     width: int,
     height: int,
     frames_per_second: float,
-    on_partial: Callable[[int], None] = lambda frames: None,
+    on_partial: Callable[[int], object] = lambda frames: None,
 ) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
     """Yields a function that appends a frame, uint8 `(height, width, 3)`, to a video; both are even.
 
@@ -112,6 +112,7 @@ class EpisodeVideo:
         frames_per_second: float,
         num_episodes: int,
         max_steps: int | None,
+        report: Callable[[str], object] = lambda text: None,
     ) -> None:
         """Checks that the video can be made.
 
@@ -124,10 +125,12 @@ class EpisodeVideo:
           frames_per_second: at most; there is at most one frame for each control step.
           num_episodes: number of episodes to film.
           max_steps: control steps of an episode at most; None for no limit.
+          report: is called with how long the video will take, and where it ends early.
         """
         check_ffmpeg()
         cameras.check_size(environment.physics, width, height)
         self._path = path
+        self._report = report
         self._environment = environment
         self._camera = cameras.find_camera(environment.physics, camera)
         self._width, self._height = width, height
@@ -145,30 +148,30 @@ class EpisodeVideo:
             width=self._width,
             height=self._height,
             frames_per_second=self._frames_per_second,
-            on_partial=lambda frames: print_line(f"video {self._path} ends early, after {frames} frames"),
+            on_partial=lambda frames: self._report(f"video {self._path} ends early, after {frames} frames"),
         ) as add_frame:
 
             def film(buffer: EpisodeBuffer, environment: Environment) -> None:
                 nonlocal episodes
                 episodes += buffer.steps == 0
                 if buffer.steps % self._stride == 0 and episodes <= self._num_episodes:
-                    add_frame(self._render())
+                    add_frame(self._render(environment))
 
             yield film
 
     def _announce(self) -> None:
-        """Prints how much there is to film, and how long it takes by the time of one frame."""
-        self._render()  # The first frame takes longer: it makes the GL context.
+        """Reports how much there is to film, and how long it takes by the time of one frame."""
+        self._render(self._environment)  # The first frame takes longer: it makes the GL context.
         started = time.perf_counter()
-        self._render()
+        self._render(self._environment)
         seconds = time.perf_counter() - started
         extent = f", about {seconds:.2f} s a frame"
         if self._max_frames is not None:
             extent = f": at most {self._max_frames} frames, about {self._max_frames * seconds:.0f} s"
-        print_line(f"filming {counted(self._num_episodes)}{extent}\n")
+        self._report(f"filming {counted(self._num_episodes)}{extent}\n")
 
-    def _render(self) -> NDArray[np.uint8]:
-        return self._environment.physics.render(self._height, self._width, camera_id=self._camera)
+    def _render(self, environment: Environment) -> NDArray[np.uint8]:
+        return environment.physics.render(self._height, self._width, camera_id=self._camera)
 
 
 def film(

@@ -9,16 +9,13 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, suite
 from kitchen_suite.entities.arms import FRANKA, ROBOTS
-from kitchen_suite.episodes.episode import unflatten
-from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
-from kitchen_suite.evaluation import criteria, quality
+from kitchen_suite.evaluation import criteria, goals, quality
+from kitchen_suite.evaluation.goals import check_franka
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Measure, Protocol, Score, domain_protocols
 from kitchen_suite.evaluation.scores import MAX_SEED, EpisodeResult, score_episodes, score_sample
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -71,7 +68,7 @@ class EvaluationPlan:
         """Raises a ValueError if positions of `criteria.STATE` are measured, or goals, with another arm than theirs."""
         for name, condition in self.conditions.items():
             if condition.measures or condition.goals:
-                _check_franka(self.specs[name], f"protocol {self.protocol!r}")
+                check_franka(self.specs[name], f"protocol {self.protocol!r}")
 
     @property
     def conditions(self) -> dict[str, Condition]:
@@ -81,6 +78,16 @@ class EvaluationPlan:
         first = protocol.conditions[0]
         replaced = Condition(goals=first.goals, goal_options=first.goal_options)
         return {name: own.get((name, spec.task_name), replaced) for name, spec in self.specs.items()}
+
+    @property
+    def goals(self) -> dict[str, Goals]:
+        """What episodes ask for that their seeds do not say, by condition."""
+        return {name: condition.goals for name, condition in self.conditions.items() if condition.goals}
+
+    def draw_resets(self, dataset: Path) -> dict[str, list[dict[str, Any]]]:
+        """Returns the options of the resets of the conditions with goals, see `goals.draw_resets`."""
+        seeds = range(self.first.seed, self.first.seed + self.num_episodes)
+        return goals.draw_resets(self.goals, seeds, dataset, self.first.domain_name)
 
     @property
     def measures(self) -> dict[str, Mapping[str, Measure]]:
@@ -208,9 +215,8 @@ class EvaluationPlan:
 
     def with_resets(self, resets: Mapping[str, list[dict[str, Any]]]) -> Self:
         """Returns the plan with options of resets; a ValueError unless the conditions with goals have some that fit."""
-        wanted = {name for name, condition in self.conditions.items() if condition.goals}
-        if resets.keys() != wanted:
-            raise ValueError(f"episodes of {sorted(resets)} have goals of their own, not of {sorted(wanted)}")
+        if resets.keys() != self.goals.keys():
+            raise ValueError(f"episodes of {sorted(resets)} have goals of their own, not of {sorted(self.goals)}")
         for name, each in resets.items():
             with contextlib.closing(self.specs[name].make_environment()) as environment:
                 requests = suite_env(environment).composer_task.requests
@@ -265,61 +271,13 @@ def make_plan(
         name: spec if policy.is_independent_of_tasks and name != first else spec.prepared(policy)
         for name, spec in plan.specs.items()
     }
-    taken = {name: condition.goals for name, condition in plan.conditions.items() if condition.goals}
     if dataset is None:
-        if taken:
+        if plan.goals:
             raise ValueError(f"protocol {plan.protocol!r} needs a dataset: the folder of a recording, for its goals")
         return dataclasses.replace(plan, specs=prepared)
-    if not taken:
+    if not plan.goals:
         raise ValueError(f"protocol {plan.protocol!r} takes no goals from a dataset")
-    return dataclasses.replace(plan.with_resets(resets_of(plan, dataset)), specs=prepared)
-
-
-def resets_of(plan: EvaluationPlan, dataset: Path) -> dict[str, list[dict[str, Any]]]:
-    """Returns the options of the resets of the conditions with goals, which are taken from a recording."""
-    recorded = _Recorded(dataset, plan.first.domain_name)
-    seeds = range(plan.first.seed, plan.first.seed + plan.num_episodes)
-    taken = {name: condition.goals for name, condition in plan.conditions.items() if condition.goals}
-    return {name: [recorded.options(take, seed) for seed in seeds] for name, take in taken.items()}
-
-
-class _Recorded:
-    """The episodes of a recording."""
-
-    def __init__(self, folder: Path, domain_name: str) -> None:
-        """Opens the recording; raises an OSError if there is none, a ValueError if it is of another domain."""
-        self._path, self._folder = folder, Recording.open(folder)
-        spec = self._folder.spec
-        if spec.domain_name != domain_name:
-            raise ValueError(f"{folder} holds episodes of {spec.domain_name}, not of {domain_name}")
-        if not self._folder.indices:
-            raise ValueError(f"{folder} holds no episodes")
-        _check_franka(spec, f"the goals of {folder}")
-        with contextlib.closing(spec.make_environment()) as environment:
-            self._environment = environment
-            self._observations = suite_env(environment).observations
-
-    def options(self, take: Goals, seed: int) -> dict[str, Any]:
-        """Returns the options of the reset of a seed, of an episode that is drawn, by a function of it."""
-        # The 2 tells the random stream of an episode's goals from those of its environment and its policy.
-        generator = np.random.default_rng((seed, 2))
-        for index in generator.permutation(self._folder.indices).tolist():
-            states, completed = self._episode(index)
-            if (options := take(states, completed, generator)) is not None:
-                return options
-        raise ValueError(f"{self._path} holds no episode with a goal: nothing is completed, or nothing moves")
-
-    def _episode(self, index: int) -> tuple[NDArray[np.float64], list[str]]:
-        """Returns the states `(T + 1, 30)` of an episode, and the tasks that it completed, in order."""
-        observation = unflatten(self._folder.load_fitting(index, self._environment).arrays, "observation")
-        try:
-            states = self._observations.recover_flat(observation)
-        except (IndexError, KeyError, TypeError):
-            states = None
-        completed = self._folder.load_summary(index).metrics.get("tasks_completed")
-        if states is None or not isinstance(completed, dict):
-            raise ValueError(f"{self._path} holds no observations of the state, or no completed tasks")
-        return states[:, criteria.STATE], sorted(completed, key=completed.__getitem__)
+    return dataclasses.replace(plan.with_resets(plan.draw_resets(dataset)), specs=prepared)
 
 
 def make_unprepared_plan(policy: PolicyRef, protocol: str, replaced: Replaced) -> EvaluationPlan:
@@ -399,7 +357,7 @@ def _specs(policy: PolicyRef, protocol: Protocol, replaced: Replaced) -> dict[st
         environments = EnvironmentSpec.make(replaced.domain_name, task_name, kwargs, max_episode_steps)
         if condition.measures or condition.goals:
             # Before the model of another arm is looked for.
-            _check_franka(environments, f"protocol {protocol.name!r}")
+            check_franka(environments, f"protocol {protocol.name!r}")
         spec = environments.episodes(policy, seed=seed)
         if spec in specs.values():
             continue
@@ -418,11 +376,6 @@ def _available(task_kwargs: Mapping[str, Any], domain_name: str) -> dict[str, An
     if not groups:
         return others
     return {**task_kwargs, "variations": groups}
-
-
-def _check_franka(spec: EnvironmentSpec, what: str) -> None:
-    if (robot := spec.task_kwargs.get("robot", FRANKA)) != FRANKA:
-        raise ValueError(f"{what} must be of the kitchen with robot {FRANKA!r}, not {checks.shown(robot)}")
 
 
 def check_robot(task_kwargs: Mapping[str, Any]) -> None:

@@ -10,7 +10,6 @@ from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from kitchen_suite import files
 from kitchen_suite.evaluation import quality
 from kitchen_suite.evaluation.protocols import Score
 from kitchen_suite.tasks.task import SuiteTask
@@ -140,7 +139,6 @@ class EpisodeResult:
       diverged: whether its physics diverged; it then counts as a failure of the greatest length, at its start.
       measures: further measures of its protocol by name.
       reset: options of its reset, as JSON; empty where its seed says it all.
-      trace: its actions and digests, see `receipts.Trace.as_text`; empty where they are kept elsewhere.
     """
 
     condition: str
@@ -153,7 +151,6 @@ class EpisodeResult:
     diverged: bool = False
     measures: dict[str, bool | float] = dataclasses.field(default_factory=dict)
     reset: dict[str, Any] = dataclasses.field(default_factory=dict)
-    trace: str = ""
 
     def __post_init__(self) -> None:
         """Raises a ValueError unless all numbers are finite, of which scores and intervals can be made."""
@@ -175,18 +172,9 @@ class EpisodeResult:
             **others,
         )
 
-    @classmethod
-    def from_line(cls, line: bytes, evaluation: str) -> "EpisodeResult":
-        """Returns the result that `as_line` was called on; raises a ValueError for another line or evaluation."""
-        return files.parse(files.parse_digest_line(line, evaluation), cls, "not the result of an episode")
-
     def as_json(self) -> dict[str, Any]:
-        """Returns the result as JSON represents it, without its trace."""
-        return {name: value for name, value in dataclasses.asdict(self).items() if name != "trace"}
-
-    def as_line(self, evaluation: str) -> bytes:
-        """Returns the result as JSON in one line with a digest of it, and of the evaluation that it is of."""
-        return files.digest_line(dataclasses.asdict(self), evaluation).encode()
+        """Returns the result as JSON represents it."""
+        return dataclasses.asdict(self)
 
 
 def score_episodes(

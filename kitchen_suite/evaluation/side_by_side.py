@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.episode import EpisodeBuffer
 from kitchen_suite.episodes.play import episode_name
-from kitchen_suite.episodes.report import counted, print_line
-from kitchen_suite.episodes.spec import reset_to_seed
+from kitchen_suite.episodes.replay import replayed_steps
 from kitchen_suite.episodes.video import frame_stride, open_video
-from kitchen_suite.evaluation.compare import Pair, PairedComparison
-from kitchen_suite.evaluation.played import PlayedEpisodes
+from kitchen_suite.evaluation.compare import Pair, PairedComparison, Side
 from kitchen_suite.evaluation.scores import EpisodeResult
-from kitchen_suite.evaluation.verify import without_observations
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.gymnasium_env.observations import OF_OBSERVATIONS
 from kitchen_suite.rendering import cameras
 
 # Time for which the end of both episodes is shown [s].
@@ -61,24 +59,18 @@ def check_replays(comparison: PairedComparison) -> None:
             raise ValueError(f"{each.name} has no actions to play again: write a receipt, and compare that")
 
 
-def replayed(played: PlayedEpisodes, result: EpisodeResult, render_quality: str = "fast") -> Iterator[Step]:
+def replayed(played: Side, result: EpisodeResult, render_quality: str = "fast") -> Iterator[Step]:
     """Plays the actions of an episode again; yields it with its environment after the reset and after every step."""
     assert played.recorded
-    spec = without_observations(played.specs[result.condition])
+    spec = played.specs[result.condition].without(OF_OBSERVATIONS)
     with contextlib.closing(spec.make_environment(visuals=True, render_quality=render_quality)) as environment:
-        inner = suite_env(environment)
         # Builds the task, of which the options of a reset depend.
         environment.reset()
-        options = played.recorded.reset_options(inner.composer_task, result.condition, result.episode)
-        observation, info = reset_to_seed(environment, result.seed, spec.seeding, options)
+        options, actions = played.recorded(suite_env(environment).composer_task, result)
         name = f"{played.name}, {episode_name(result.episode, result.seed)}"
-        buffer = EpisodeBuffer(observation, info, inner.physics_state, name)
-        yield buffer, inner.environment
         # An episode is shown until its physics diverges.
         with contextlib.suppress(PhysicsError):
-            for action in played.recorded.actions(result.condition, result.episode):
-                buffer.step(environment, action)
-                yield buffer, inner.environment
+            yield from replayed_steps(environment, result.seed, spec.seeding, options, actions, name)
 
 
 def film(comparison: PairedComparison, path: Path, picture: Picture, num_episodes: int) -> int:
@@ -96,7 +88,6 @@ def film(comparison: PairedComparison, path: Path, picture: Picture, num_episode
         cameras.find_camera(physics, picture.camera)
         cameras.check_size(physics, picture.width // 2, picture.height)
         stride, rate = frame_stride(suite_env(environment).environment.control_timestep(), picture.frames_per_second)
-    print_line(f"filming {counted(len(chosen))} side by side")
     with open_video(path, width=picture.width, height=picture.height, frames_per_second=rate) as add_frame:
         for pair in chosen:
             for frame in frames(comparison, pair, picture, stride):
@@ -121,7 +112,7 @@ def frames(comparison: PairedComparison, pair: Pair, picture: Picture, stride: i
         yield np.concatenate(shown, axis=1)
 
 
-def _half(played: PlayedEpisodes, result: EpisodeResult, picture: Picture, stride: int) -> Iterator[NDArray[np.uint8]]:
+def _half(played: Side, result: EpisodeResult, picture: Picture, stride: int) -> Iterator[NDArray[np.uint8]]:
     """Yields the frames of one policy's episode; the last one, at its end, says whether it succeeded."""
     for buffer, environment in replayed(played, result, picture.render_quality):
         has_ended = buffer.steps == result.control_steps

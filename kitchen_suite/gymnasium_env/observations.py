@@ -35,6 +35,9 @@ PICTURE_OPTIONS = ("cameras", "image_size", "depth", "segmentation")
 # Arguments of environments on which nothing but pictures and the layout of observations depends.
 OF_PICTURES = frozenset({*PICTURE_OPTIONS, "obs_type", "render_quality"})
 
+# Arguments of environments on which nothing of an episode but its observations depends.
+OF_OBSERVATIONS = OF_PICTURES | {"extra_observables", "goal_format"}
+
 
 class Present(NamedTuple):
     """The present step of one environment, or of many, from which observations are read.

@@ -19,7 +19,7 @@ from kitchen_suite.entities.designs import KitchenDesign
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.plan import EvaluationPlan
-from kitchen_suite.evaluation.receipts import Receipt
+from kitchen_suite.evaluation.receipt import Receipt
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks.generated_kitchens import certificates
 from kitchen_suite.versions import installed_versions

@@ -16,10 +16,10 @@ from kitchen_suite.commands import compare as compare_command
 from kitchen_suite.commands import evaluate as evaluate_command
 from kitchen_suite.evaluation import side_by_side
 from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, all_as_json, compare_all
-from kitchen_suite.evaluation.comparison_tables import format_comparison, format_comparisons
-from kitchen_suite.evaluation.evaluate import Evaluation
+from kitchen_suite.evaluation.evaluation import Evaluation
 from kitchen_suite.evaluation.plan import Replaced, make_plan
 from kitchen_suite.evaluation.scores import EpisodeResult
+from kitchen_suite.evaluation.text import format_comparison, format_comparisons
 from kitchen_suite.policies import PolicyRef
 
 EPISODES = 6
@@ -293,9 +293,9 @@ def test_rows_of_episodes_can_be_paired(run, folder):
     assert (status, "--episodes" in err) == (2, True)
     status, _, err = run(compare_command, "evaluation", "a.npz")
     assert status == 2
-    (remedy,) = re.findall(r"--output=evaluation --resume --episodes --json=\w+", err)
-    assert run(evaluate_command, *SMALL, *remedy.replace("FILE", "again.json").split())[0] == 0
-    assert run(compare_command, "again.json", "rows.json")[0] == 0
+    (remedy,) = re.findall(r"--output=evaluation --resume --receipt=\S+", err)
+    assert run(evaluate_command, *SMALL, *remedy.replace("FILE", "again").split())[0] == 0
+    assert run(compare_command, "again.npz", "rows.json")[0] == 0
 
 
 @pytest.mark.full
@@ -334,7 +334,7 @@ def test_cabinets_are_compared_by_progress(folder):
         ("missing.npz", "there is no"),
         ("text.npz", "receipt"),
         ("text.json", "results of an evaluation"),
-        (".", "holds no"),
+        (".", "is a folder"),
     ],
 )
 def test_other_files_are_refused(run, receipts, folder, name, shown):
@@ -394,7 +394,7 @@ def test_episodes_are_played_again_as_they_were(receipts):
     steps = [buffer.steps for buffer, _ in side_by_side.replayed(comparison.first, one)]
     assert steps == [0, 1, 2, 3, 4]
     *_, (buffer, _) = side_by_side.replayed(comparison.first, one)
-    np.testing.assert_array_equal(buffer.arrays()["action"], comparison.first.recorded.actions("random_4", 2))
+    np.testing.assert_array_equal(buffer.arrays()["action"], comparison.first.recorded(None, one)[1])
 
 
 @pytest.mark.full

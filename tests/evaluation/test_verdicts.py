@@ -14,11 +14,11 @@ from helpers.protocols import domain_of
 
 from kitchen_suite import suite
 from kitchen_suite.commands import evaluate, replay
-from kitchen_suite.evaluation.confirmed import constant_successes, format_changes, format_subject
-from kitchen_suite.evaluation.evaluate import as_json
+from kitchen_suite.evaluation.evaluation import Evaluation
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan, make_unprepared_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
-from kitchen_suite.evaluation.receipts import Receipt
+from kitchen_suite.evaluation.receipt import Receipt
+from kitchen_suite.evaluation.text import format_changes, format_subject
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
@@ -75,7 +75,7 @@ def reset_of(name):
 
 def names(plan, name):
     """Whether the first line of the check of a plan has a name among the values replaced."""
-    return any(f"{prefix}{name} " in format_subject(plan, []) for prefix in (" ", ": "))
+    return any(f"{prefix}{name} " in format_subject(plan) for prefix in (" ", ": "))
 
 
 # An argument of every condition that is changed in each protocol; that of others in the first one.
@@ -113,7 +113,7 @@ def test_a_default_that_is_given_is_no_value_replaced(argument):
     plan = make_unprepared_plan(ZERO, "default", replaced)
     assert plan.changes == {}
     assert plan.replaced == []
-    assert format_subject(plan, []) == "kitchen, protocol default"
+    assert format_subject(plan) == "kitchen, protocol default"
 
 
 # What is given beside a protocol, and the words that say what differs from it.
@@ -151,7 +151,7 @@ def test_values_replaced_are_those_that_differ_in_words_that_are_true(kind):
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_every_value_that_is_not_the_protocols_is_named(name):
     plan = unprepared(name)
-    assert format_subject(plan, []) == f"{domain_of(name)}, protocol {name}"
+    assert format_subject(plan) == f"{domain_of(name)}, protocol {name}"
     first, spec = next(iter(plan.specs.items()))
     defaults = {**DEFAULTS, "design": 0, "physics": "fast"} if domain_of(name) == "kitchens" else DEFAULTS
     for argument in [*spec.task_kwargs, *(ARGUMENTS if name == "default" else ["threshold", "goals", "success"])]:
@@ -257,7 +257,7 @@ def test_a_receipt_of_zero_actions_that_succeed_says_so(run, tmp_path):
     evaluation = copy.deepcopy(receipt.evaluation)
     del evaluation["conditions"]["random_4"]["task_kwargs"]["threshold"]
     plan = EvaluationPlan.of(evaluation)
-    anew = as_json(plan, {"random_4": plan.scores(receipt.results["random_4"])})
+    anew = Evaluation(plan=plan, results=receipt.results).as_json()
     dataclasses.replace(receipt, evaluation=anew, replaced=plan.replaced).write(tmp_path / "c.npz")
     status, out, _ = run(replay, "c.npz")
     assert status == 1
@@ -279,5 +279,6 @@ def test_constant_actions_are_counted():
 
     moving = np.arange(6.0).reshape(3, 2)
     each = [Some(), Some(True), Some(True, actions=moving), Some(measures={"goal_reached": True})]
-    assert constant_successes({"a": each}, {"a": each}) == (2, 3)
-    assert constant_successes({"a": [Some()]}, {"a": [Some()]}) == (0, 0)
+    plan = unprepared("default")
+    assert Evaluation(plan=plan, results={"a": each}, traces={"a": each}).constant_successes == (2, 3)
+    assert Evaluation(plan=plan, results={"a": [Some()]}, traces={"a": [Some()]}).constant_successes == (0, 0)

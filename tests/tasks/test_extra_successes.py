@@ -12,7 +12,6 @@ from helpers.errors import refused
 import kitchen_suite
 from kitchen_suite import entities, files, suite, tasks
 from kitchen_suite.environment import Environment
-from kitchen_suite.episodes.replay import Verdict
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.compare import compare
 from kitchen_suite.evaluation.evaluate import evaluate
@@ -221,7 +220,7 @@ def test_recordings_and_replays_count_it(tmp_path):
         recording = kitchen_suite.record(tmp_path / "runs", spec, Pushes(True), num_episodes=2, num_envs=1)
         assert [episode.metrics for episode in recording] == [{"success": True}] * 2
         assert recording.load(0).arrays["info/is_success"].tolist() == [False] * 3 + [True] * (STEPS - 2)
-        assert kitchen_suite.replay(tmp_path / "runs") == Verdict.EQUAL
+        assert kitchen_suite.replay(tmp_path / "runs").verdict == "equal"
 
 
 @pytest.mark.torch

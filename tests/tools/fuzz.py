@@ -41,7 +41,7 @@ from kitchen_suite.entities.designs import KitchenDesign
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.plan import EvaluationPlan
-from kitchen_suite.evaluation.receipts import Receipt, sealed
+from kitchen_suite.evaluation.receipt import Receipt, sealed
 from kitchen_suite.evaluation.verify import checked_plan
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import load_policy

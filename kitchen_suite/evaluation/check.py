@@ -1,0 +1,153 @@
+"""Checks of episodes: they are played again from their actions, without the policy, and compared."""
+
+import collections
+import contextlib
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Generic, TypeVar
+
+from kitchen_suite.episodes.replay import ReplayedEpisode, Verdict, worst
+from kitchen_suite.episodes.spec import even_count
+from kitchen_suite.evaluation.plan import EvaluationPlan
+from kitchen_suite.evaluation.rollout import play_condition
+from kitchen_suite.evaluation.scores import EpisodeResult
+from kitchen_suite.evaluation.traces import ActionReplay, Trace
+from kitchen_suite.gymnasium_env.observations import OF_PICTURES
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReplayedResult:
+    """The results of an episode of an evaluation and of its replay, and their differences.
+
+    Attributes:
+      first: first control step at which numbers differ, 0 for the reset; None if they are equal to the bit.
+      greatest: greatest difference of the numbers after the last control steps.
+    """
+
+    recorded: EpisodeResult
+    replayed: EpisodeResult
+    first: int | None
+    greatest: float
+
+    @property
+    def condition(self) -> str:
+        """Name of the episode's condition."""
+        return self.recorded.condition
+
+    @property
+    def episode(self) -> int:
+        """Number of the episode in its condition."""
+        return self.recorded.episode
+
+    @property
+    def seed(self) -> int:
+        """Seed of the episode."""
+        return self.recorded.seed
+
+    @property
+    def verdict(self) -> Verdict:
+        """`equal`, `other digits` or `altered`."""
+        if not self.scores_alike:
+            return "altered"
+        return "equal" if self.first is None else "other digits"
+
+    @property
+    def scores_alike(self) -> bool:
+        """Whether both have the same result, in numbers of the same types."""
+        return repr(self.recorded) == repr(self.replayed)
+
+    @property
+    def differences(self) -> tuple[str, ...]:
+        """What differs, in words: the numbers, and each entry of the result; empty if nothing does."""
+        numbers = [] if self.first is None else [f"numbers differ from control step {self.first} on"]
+        names = [field.name for field in dataclasses.fields(EpisodeResult)]
+        pairs = {name: (getattr(self.recorded, name), getattr(self.replayed, name)) for name in names}
+        return (*numbers, *(f"{name} {one}, replayed {other}" for name, (one, other) in pairs.items() if one != other))
+
+
+E = TypeVar("E", ReplayedResult, ReplayedEpisode)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Check(Generic[E]):
+    """The result of playing episodes again.
+
+    Attributes:
+      episodes: of each episode the comparison with its replay, in order, with a `verdict`, a `seed` and `differences`.
+      scores: of the replayed episodes, as in `Evaluation.scores`.
+    """
+
+    episodes: Sequence[E]
+    scores: Mapping[str, Any]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict on all episodes.
+
+        `equal` if all numbers are equal to the bit, `other digits` if all results are, but not all numbers, and
+        `altered` if results differ: episodes were altered, or another machine rounds otherwise.
+        """
+        return worst(episode.verdict for episode in self.episodes)
+
+    @property
+    def differing(self) -> list[E]:
+        """The episodes that are not equal to the bit, first those with other results."""
+        differing = [episode for episode in self.episodes if episode.verdict != "equal"]
+        return sorted(differing, key=lambda episode: episode.verdict != "altered")
+
+
+def check_episodes(
+    plan: EvaluationPlan,
+    results: Mapping[str, Sequence[EpisodeResult]],
+    traces: Mapping[str, Sequence[Trace]],
+    num_envs: int,
+    num_threads: int | None,
+    progress: Callable[[ReplayedResult], object],
+) -> Check[ReplayedResult]:
+    """Plays the actions of the episodes of all conditions again, and compares them.
+
+    Arguments are those of `Evaluation.check`; raises a ValueError if actions do not fit the environments.
+    """
+    plan = dataclasses.replace(plan, specs={name: spec.without(OF_PICTURES) for name, spec in plan.specs.items()})
+    compared: list[ReplayedResult] = []
+    scores = {}
+    for name in plan.specs:
+        each = _check_condition(name, plan, results[name], traces[name], num_envs, num_threads, progress)
+        scores[name] = plan.scores([episode.replayed for episode in each])
+        compared += each
+    return Check(episodes=compared, scores=plan.main_scores(scores))
+
+
+def _check_condition(
+    name: str,
+    plan: EvaluationPlan,
+    results: Sequence[EpisodeResult],
+    traces: Sequence[Trace],
+    num_envs: int,
+    num_threads: int | None,
+    progress: Callable[[ReplayedResult], object],
+) -> list[ReplayedResult]:
+    """Returns the comparisons of a condition's episodes with their replays, in order."""
+    spec = plan.specs[name]
+    waiting = collections.deque((result.episode, result.seed) for result in results)
+    # An episode that goes on after its last action differs, and need not be played to its end.
+    longest = max(len(trace.actions) for trace in traces)
+    limited = dataclasses.replace(spec, max_episode_steps=min(spec.max_episode_steps, longest + 1))
+    compared = []
+    with contextlib.closing(limited.make_vector_env(even_count(len(results), num_envs), num_threads)) as environments:
+        shape = environments.single_action_space.shape
+        if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
+            raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
+        replay = ActionReplay({result.seed: trace.actions for result, trace in zip(results, traces, strict=True)})
+        for replayed, trace in play_condition(name, plan, environments, replay, waiting):
+            given = traces[replayed.episode]
+            first = given.first_difference(trace)
+            comparison = ReplayedResult(
+                recorded=results[replayed.episode],
+                replayed=replayed,
+                first=first,
+                greatest=0.0 if first is None else given.greatest_difference(trace),
+            )
+            compared.append(comparison)
+            progress(comparison)
+    return sorted(compared, key=lambda comparison: comparison.episode)
