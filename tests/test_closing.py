@@ -11,7 +11,7 @@ import pytest
 from helpers.errors import refused
 from websockets.sync.server import serve
 
-from kitchen_suite import EnvironmentSpec, suite
+from kitchen_suite import EnvironmentSpec, agreement, suite
 from kitchen_suite.closing import closed_on_error
 from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.replay import Replay
@@ -126,7 +126,7 @@ def test_a_domain_that_is_refused_leaves_no_environment_open(open_environments, 
     closed = []
     close = Environment.close
     monkeypatch.setattr(Environment, "close", lambda self: closed.append(self) or close(self))
-    monkeypatch.setattr(suite, "_check_episodes", failing)
+    monkeypatch.setattr(agreement, "_check_episodes", failing)
     domain = dataclasses.replace(suite.DOMAINS["microwave_table"], name="again", env_id="Again/Table-v1")
     with refused(ValueError, "it fails"):
         suite.register(domain)

@@ -78,7 +78,8 @@ def rows(out):
     lines = out.split("\n\n")[1].splitlines()
     names, *values = (re.split(r"\s{2,}", line.strip()) for line in lines)
     table = [dict(zip(names, row, strict=True)) for row in values]
-    assert all(float(row.pop("seconds")) > 0 for row in table)
+    # Two decimals: a short episode takes less.
+    assert all(float(row.pop("seconds")) >= 0 for row in table)
     return table
 
 
@@ -294,7 +295,7 @@ def test_a_full_disk_gets_one_line(run, monkeypatch):
     status, out, err = run("--output=runs", *SHORT)
     assert (status, err) == (1, "kitchen-rollout: [Errno 28] No space left on device\n")
     assert "no episode was finished" not in out
-    assert episode_files("runs") == []
+    assert not os.path.exists("runs")
 
 
 @pytest.mark.full
