@@ -142,7 +142,7 @@ def play(source, index, environment):
     """Whether the replay of an episode of a recording is equal."""
     recorded = source.load(index)
     replayed = replay_episode(environment, recorded, source.spec.seeding)
-    return compare(environment.unwrapped.composer_task, recorded, replayed).verdict == "equal"
+    return compare(environment.unwrapped.composer_task, recorded, replayed, "task").verdict == "equal"
 
 
 def same(one, other):

@@ -86,10 +86,10 @@ def test_recordings_without_states_play_again_with_no_difference():
         older = Episode(index=0, seed=3, arrays=arrays)
         older.check()
         task = suite_env(environment).composer_task
-        comparison = compare(task, older, replay_episode(environment, older, spec.seeding))
+        comparison = compare(task, older, replay_episode(environment, older, spec.seeding), spec.task_name)
         assert comparison.verdict == "equal"
         states = episode.arrays[PHYSICS_STATE].copy()
         states[-1, -1] += 1e-12
         changed = Episode(index=0, seed=3, arrays={**arrays, PHYSICS_STATE: states})
-        comparison = compare(task, changed, replay_episode(environment, changed, spec.seeding))
+        comparison = compare(task, changed, replay_episode(environment, changed, spec.seeding), spec.task_name)
         assert comparison.arrays == (PHYSICS_STATE,)

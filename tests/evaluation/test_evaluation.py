@@ -104,7 +104,6 @@ FORGED = {
     "other tasks": lambda data: rows(data)[0].update(asked={"microwave": None}),
     "another domain": lambda data: data.update(domain_name="open_cabinet"),
     "code": lambda data: data.update(domain_name="os:system"),
-    "another protocol": lambda data: data.update(protocol="strict"),
     "a version": lambda data: data["versions"].update(mujoco="3, confirmed by its authors"),
     "an escape": lambda data: data.update(policy="x\x1b[2J"),
     "more": lambda data: data.update(more=1),

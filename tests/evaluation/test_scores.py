@@ -1,6 +1,7 @@
 """Scores of episodes, by hand-made cases and by properties."""
 
 import dataclasses
+import json
 import math
 import types
 
@@ -345,23 +346,18 @@ def test_a_result_is_of_the_last_infos():
         EpisodeResult(*dataclasses.asdict(one).values())
 
 
+def parsed(record):
+    return files.parse(record, EpisodeResult, "not a result")
+
+
 def test_a_result_counts_no_tasks_and_has_not_diverged_unless_told():
     plain = EpisodeResult(condition="all", episode=0, seed=0, success=False, progress=0.0, control_steps=0)
     assert (plain.asked, plain.diverged) == (None, False)
-    assert EpisodeResult.from_line(plain.as_line(""), "") == plain
+    assert parsed(plain.as_json()) == plain
 
 
-@pytest.mark.parametrize("each", RESULTS)
-def test_a_result_is_read_from_its_line(each):
-    line = each.as_line("an evaluation")
-    assert b"\n" not in line
-    assert EpisodeResult.from_line(line, "an evaluation") == each
-    with pytest.raises(ValueError, match="sha256"):
-        EpisodeResult.from_line(line, "another evaluation")
-
-
-def test_a_result_as_json_is_without_its_trace():
-    one = dataclasses.replace(RESULTS[0], trace="abc", measures={"energy": 2.0}, reset={"a": 1})
+def test_a_result_as_json_has_all_its_attributes():
+    one = dataclasses.replace(RESULTS[0], measures={"energy": 2.0}, reset={"a": 1})
     assert one.as_json() == {
         "condition": "all",
         "episode": 0,
@@ -378,17 +374,20 @@ def test_a_result_as_json_is_without_its_trace():
 
 def test_the_greatest_seed_is_that_of_64_bits():
     one = dataclasses.replace(RESULTS[0], seed=9223372036854775807)
-    assert EpisodeResult.from_line(one.as_line(""), "") == one
+    assert parsed(one.as_json()) == one
 
 
-LINE = RESULTS[0].as_line("")
-# Lines whose digests are their own.
+@pytest.mark.parametrize("each", RESULTS)
+def test_a_result_is_read_from_its_json(each):
+    assert parsed(json.loads(json.dumps(each.as_json()))) == each
+
+
+# Values that no result has.
 BEYOND = [{"control_steps": -1}, {"control_steps": 1e30}, {"seed": -1}, {"seed": 2**63}, {"episode": -1}]
-BEYOND += [{"asked": {"kettle": -1}}]
-FORGED = [files.digest_line({**dataclasses.asdict(RESULTS[0]), **changes}, "").encode() for changes in BEYOND]
+BEYOND += [{"asked": {"kettle": -1}}, {"success": 1}, {"progress": "x"}]
 
 
-@pytest.mark.parametrize("line", [b"", b"{}", b"[1]", LINE[:-1], LINE.replace(b"true", b"1"), LINE + b" ", *FORGED])
-def test_another_line_is_refused(line):
+@pytest.mark.parametrize("changes", BEYOND)
+def test_json_of_another_form_is_refused(changes):
     with pytest.raises(ValueError, match=r"."):
-        EpisodeResult.from_line(line, "")
+        parsed({**RESULTS[0].as_json(), **changes})
