@@ -282,7 +282,7 @@ def results() -> Iterator[Mapping[str, Any]]:
 
 
 # Protocols with tables of their own: with many conditions, or with scores over all of them.
-_APART = ("shift", "lexa", "metra", "earl", "calvin", "unseen-kitchens")
+_APART = ("shift", "unseen-kitchens")
 
 
 def goals_table() -> str:

@@ -190,6 +190,11 @@ class EvaluationPlan:
         """Returns the plan of a description, unprepared; a TypeError or ValueError for one of another version."""
         record = files.parse(description, _Description, "not the description of an evaluation")
         domain = suite.DOMAINS[checks.choice(record.domain_name, suite.DOMAINS, "domain")]
+        if record.protocol not in PROTOCOLS:
+            raise ValueError(
+                f"it is of protocol {checks.shown(record.protocol)}, which this version of the suite does not have: "
+                f"replay it with the version that wrote it. Here there are {sorted(PROTOCOLS)}"
+            )
         protocol = find_protocol(record.protocol, domain.name)
         specs = {}
         for name, condition in record.conditions.items():
