@@ -17,7 +17,7 @@ from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.evaluation.compare import compare
 from kitchen_suite.evaluation.comparison_tables import format_comparison
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
-from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
+from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.generated_kitchens import certificates
 
 RESULTS = Path(__file__).resolve().parent.parent / "experiments" / "results"
@@ -652,26 +652,6 @@ def fast_experts_table() -> str:
     )
 
 
-def arms_table() -> str:
-    """Returns the tables of the expert with other arms: the seven tasks in all modes, and the others in one."""
-    rows = read_results("arms")
-    columns = [*dict.fromkeys((row["robot"], row["mode"]) for row in rows)]
-    cells = {(row["task"], row["robot"], row["mode"]): _of_episodes(row) for row in rows}
-    tables = []
-    for tasks, chosen in (
-        (DEFAULT_TASKS, columns),
-        ([task for task in GOALS if task not in DEFAULT_TASKS], [each for each in columns if each[1] == columns[0][1]]),
-    ):
-        header = ("task", *(f"`{robot}`, `{mode}`" for robot, mode in chosen))
-        tables.append(markdown(header, [(task, *(cells[task, *each] for each in chosen)) for task in tasks]))
-    return "\n".join(tables)
-
-
-def _of_episodes(row: dict[str, Any]) -> str:
-    """Returns the successes in a number of episodes, and their median number of control steps."""
-    return f"{row['successes']} of {row['episodes']}" + (f" ({row['steps']:.0f})" if row["successes"] else "")
-
-
 def _successes(row: dict[str, Any], physics: str) -> str:
     found = row[physics]
     return f"{found['success']} of {row['episodes']}" + (f" ({found['steps']:.0f})" if found["success"] else "")
@@ -1053,7 +1033,6 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "kitchens_speed": kitchens_speed_table,
     "fast_settings": fast_settings_table,
     "fast_experts": fast_experts_table,
-    "arms": arms_table,
     "fast_policies": fast_policies_table,
     "fast_parting": fast_parting_table,
     "fast_random": fast_random_table,

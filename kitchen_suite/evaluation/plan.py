@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import hashlib
 import json
-import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -14,7 +13,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, suite
-from kitchen_suite.entities.arms import FRANKA, ROBOTS
+from kitchen_suite.entities.arms import FRANKA
 from kitchen_suite.episodes.episode import unflatten
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
@@ -196,12 +195,12 @@ class EvaluationPlan:
                 f"replay it with the version that wrote it. Here there are {sorted(PROTOCOLS)}"
             )
         protocol = find_protocol(record.protocol, domain.name)
+        _check_versions(record.versions)
         specs = {}
         for name, condition in record.conditions.items():
             task_name, kwargs = condition.task_name, condition.task_kwargs
             _check_name(protocol, name, task_name)
             check_robot(kwargs)
-            _check_versions(record.versions, kwargs)
             if domain.with_contents(kwargs) != kwargs:
                 raise ValueError(f"{name} depends on files of the machine that wrote it, which may be others elsewhere")
             environments = EnvironmentSpec.make(domain.name, task_name, kwargs, record.max_episode_steps)
@@ -432,17 +431,16 @@ def _check_franka(spec: EnvironmentSpec, what: str) -> None:
 
 def check_robot(task_kwargs: Mapping[str, Any]) -> None:
     """Raises a ValueError if a robot is not the suite's: to read a receipt must not import code that it names."""
-    checks.choice(task_kwargs.get("robot", FRANKA), ROBOTS, "robot of a receipt")
+    if (robot := task_kwargs.get("robot", FRANKA)) != FRANKA:
+        raise ValueError(f"the robot of a receipt must be {FRANKA!r}, not {checks.shown(robot)}")
 
 
-def _check_versions(versions: Mapping[str, str], task_kwargs: Mapping[str, Any]) -> None:
-    """Raises a ValueError unless a file names versions of the suite's packages, and the digest of its arm, alone.
+def _check_versions(versions: Mapping[str, str]) -> None:
+    """Raises a ValueError unless a file names versions of the suite's packages alone.
 
     They are shown as facts, which any other words could be taken for.
     """
-    digest = re.compile(r"[0-9a-f]{16}")
-    forms = {**dict.fromkeys(("kitchen-suite", *PACKAGES), VERSION), f"robot {task_kwargs.get('robot')}": digest}
     for name, version in versions.items():
-        checks.choice(name, forms, "package of the versions")
-        if not forms[name].fullmatch(version):
+        checks.choice(name, ("kitchen-suite", *PACKAGES), "package of the versions")
+        if not VERSION.fullmatch(version):
             raise ValueError(f"the version of {name} is no version: {checks.shown(version)}")

@@ -448,12 +448,12 @@ def test_a_dataset_is_given_where_it_is_needed(settings, shown):
 @pytest.mark.full
 def test_states_are_measured_and_goals_taken_with_the_franka_alone(dataset, tmp_path):
     for protocol in ("beso", "goal-reaching"):
-        with refused(ValueError, repr(protocol), "'franka'", "'panda'"):
-            plan(protocol=protocol, task_kwargs={"robot": "panda", "control_mode": "ee_delta_pose"})
+        with refused(ValueError, repr(protocol), "'franka'", "'my_arm:MY_ARM'"):
+            plan(protocol=protocol, task_kwargs={"robot": "my_arm:MY_ARM", "control_mode": "ee_delta_pose"})
     runs = Path(shutil.copytree(dataset, tmp_path / "runs"))
     specification = json.loads((runs / "recording.json").read_text())
-    (runs / "recording.json").write_text(json.dumps(specification | {"task_kwargs": {"robot": "panda"}}))
-    with refused(ValueError, "runs", "'franka'", "'panda'"):
+    (runs / "recording.json").write_text(json.dumps(specification | {"task_kwargs": {"robot": "my_arm:MY_ARM"}}))
+    with refused(ValueError, "runs", "'franka'", "'my_arm:MY_ARM'"):
         plan(protocol="goal-reaching", dataset=runs)
 
 
