@@ -588,20 +588,6 @@ def processor_table() -> str:
     return markdown(("domain", "actions", "equal episodes", *steps, "same success"), rows)
 
 
-def mutant_table() -> str:
-    """Returns the table of what `tests/tools/mutants.py` has found."""
-    known = json.loads((RESULTS.parents[2] / "tests" / "tools" / "equivalent_mutants.json").read_text(encoding="utf-8"))
-    rows = []
-    for path in sorted((RESULTS / "mutants").glob("*.json")):
-        found = json.loads(path.read_text(encoding="utf-8"))
-        equivalent = [[each["before"], each["after"]] for each in known.get(found["module"], [])]
-        left_out = sum(lines in equivalent for lines in found["survived"].values())
-        killed, survived = len(found["killed"]), len(found["survived"]) - left_out
-        score = f"{100 * killed / max(killed + survived, 1):.1f} %"
-        rows.append((f"`{found['module']}`", found["total"], killed + survived + left_out, left_out, survived, score))
-    return markdown(("module", "mutants", "tested", "equivalent", "survived", "score"), rows)
-
-
 def vla_eval_table() -> str:
     """Returns the table of what `docs/experiments/vla_eval_speed.py` has measured."""
     rows = [
@@ -1017,7 +1003,6 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "offline_digests": offline_digest_table,
     "offline_results": offline_table,
     "offline_online": offline_online_table,
-    "mutants": mutant_table,
     "processors": processor_table,
     "processors_receipts": verified_table,
     "result_dates": dates_table,
