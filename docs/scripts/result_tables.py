@@ -599,42 +599,6 @@ def fast_random_table() -> str:
     return markdown(header, rows)
 
 
-def teleoperation_table() -> str:
-    """Returns the table of what `docs/experiments/teleoperation.py` has measured in a browser."""
-    found = read_results("teleoperation")
-    rows = []
-    for task in dict.fromkeys(row["task"] for row in found["drives"]):
-        played = [row for row in found["drives"] if row["task"] == task]
-        seconds = statistics.median(row["seconds"] for row in played)
-        successes = sum(row["success"] for row in played)
-        done = f"{successes} of {len(played)}, {seconds:.0f} s each"
-        rows.append((f"{task}, by a script with pointer and keys", done))
-    pace, latency = found["pace"], found["latency"]
-    rows += [
-        (f"control steps a second, over {pace['seconds'] / 60:.0f} minutes", f"{pace['steps_a_second']:.2f} of 12.5"),
-        ("from an event in the server to its message (median)", f"{latency['event_to_message_ms']:.1f} ms"),
-        ("to the frame of 640 x 480 that is drawn (median)", f"{latency['event_to_frame_ms']:.0f} ms"),
-    ]
-    return markdown(("", "measured"), rows)
-
-
-def teleoperation_recipe_table() -> str:
-    """Returns the table of the demonstrations, the training and the score of the recipe in the same file."""
-    found = read_results("teleoperation")["recipe"]
-    low, high = (100 * bound for bound in found["interval"])
-    rows = [
-        (
-            f"`{found['task']}`",
-            f"{found['successes']} of {found['demonstrations']}",
-            f"{found['minutes_recording']:.0f}",
-            f"{found['minutes_training']:.0f}",
-            f"{100 * found['success']:.0f} % ({low:.0f} to {high:.0f} %)",
-        )
-    ]
-    header = ("task", "demonstrations that succeed", "minutes for them", "minutes of training", "success of the policy")
-    return markdown(header, rows)
-
-
 def certificate_table() -> str:
     """Returns the table of certified tasks by split and verb, from the certificates that the package has."""
     rows = []
@@ -794,8 +758,6 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "offline_digests": offline_digest_table,
     "offline_results": offline_table,
     "offline_online": offline_online_table,
-    "teleoperation": teleoperation_table,
-    "teleoperation_recipe": teleoperation_recipe_table,
     "kitchens_certificates": certificate_table,
     "kitchens_expert": kitchens_expert_table,
     "kitchens_modes": kitchens_mode_table,
