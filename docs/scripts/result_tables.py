@@ -669,7 +669,7 @@ def kitchens_speed_table() -> str:
 
 
 def comparison_example() -> str:
-    """Returns the output of kitchen-compare for the evaluations of `docs/experiments/comparison.py`."""
+    """Returns the output of kitchen-compare for two files of `kitchen-evaluate --episodes --json`."""
     comparison = compare(*(RESULTS / "comparison" / f"{policy}.json" for policy in ("expert", "trained")))
     return f"```\n{format_comparison(comparison)}\n```\n"
 
