@@ -13,7 +13,6 @@ from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
-from kitchen_suite import installation
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.joints import JointObservables
 from kitchen_suite.entities.parameters import (
@@ -237,16 +236,14 @@ def _compiled(specification: RobotSpec) -> _Compiled:
     return compiled
 
 
-def load_package_mjcf(
-    package: str, file: str, robot: str, install: str | None = None, *, visuals: bool
-) -> mjcf.RootElement:
-    """Parses an MJCF file in the folder of a package, without importing the package, for a robot; see `prepare_mjcf`.
+def load_package_mjcf(package: str, file: str, *, visuals: bool) -> mjcf.RootElement:
+    """Parses an MJCF file in the folder of a package, without importing the package; see `prepare_mjcf`.
 
-    Raises an ImportError with the command to `install` it, by default that of the extra `arms`, if it is missing.
+    Raises an ImportError if the package is missing.
     """
     spec = importlib.util.find_spec(package)
     if spec is None or not spec.submodule_search_locations:
-        raise ImportError(f"robot {robot!r} needs {package}: {install or installation.install_command('arms')}")
+        raise ImportError(f"the MJCF {file} is in the package {package}, which is not installed")
     return load_mjcf(Path(next(iter(spec.submodule_search_locations)), file), visuals=visuals)
 
 

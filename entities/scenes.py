@@ -336,7 +336,7 @@ def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False, robot: str
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
       sleep: whether objects at rest are left out of the physics until something touches them, which is faster;
         trajectories are then nearly the same. See `SiteArena.enable_sleep`.
-      robot: `franka`, `panda`, `ur5e`, a `RobotSpec`, or one as `module:NAME`; see docs/guide/arms.md. Its options of
+      robot: `franka`, a `RobotSpec`, or one as `module:NAME`; see docs/guide/arms.md. Its options of
         the physics may be others.
     """
     arena, arm = KitchenArena(visuals=visuals), make_robot(robot, visuals=visuals)

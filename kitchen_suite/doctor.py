@@ -26,7 +26,7 @@ from kitchen_suite.vector_env.base import processors
 from kitchen_suite.versions import PACKAGES, processor
 
 # Digests by domain and physics, of each combination of versions and kind of processor that is known; written by
-# `docs/experiments/processors.py digests`.
+# `docs/scripts/known_digests.py`.
 KNOWN = Path(__file__).parent / "known_digests.json"
 
 _SIMULATING = ("dm-control", "mujoco", "numpy")  # Packages whose versions the numbers of an episode depend on.

@@ -37,7 +37,7 @@ COSTS = ("quick", "full", "nightly")
 REQUIREMENTS = {
     "clients": ("torch", "stable_baselines3", "skrl", "torchrl", "shimmy", "ipykernel", "matplotlib"),
     "torch": ("torch", "stable_baselines3"),
-    "ray": ("ray", "torch"),
+    "ray": ("ray",),
     "lerobot": ("lerobot",),
     "web": ("viser", "mjviser"),
     "browser": ("viser", "playwright"),

@@ -21,6 +21,8 @@ PRINTED = {
     "variations": r"held_out: 28 parameters vary",
     "record_and_replay": r"replay: EQUAL",
     "my_arm": r"\(8,\) \{'microwave': \d+\}",
+    "panda": r"\(15,\) \{'kettle': \d+\}",
+    "ur5e": r"\(14,\) \{'kettle': \d+\}",
     "own_task": r"step 30: 0\.0\d+ m away, reward 0\.\d+",
     "imitate": r"success: (0\.[5-9]|1\.0)",
     "imitate_pictures": r"p1 +100\.0 %.*",
@@ -34,6 +36,8 @@ MARKS = {
     "pixels": [pytest.mark.rendering],
     "record_and_replay": [pytest.mark.full],
     "my_arm": [pytest.mark.full],
+    "panda": [pytest.mark.clients],
+    "ur5e": [pytest.mark.clients],
     "imitate": [pytest.mark.clients],
     "imitate_pictures": [pytest.mark.clients, pytest.mark.rendering, pytest.mark.nightly],
 }

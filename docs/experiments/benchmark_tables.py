@@ -14,7 +14,7 @@ from kitchen_suite import installation
 from kitchen_suite.versions import installed_versions
 
 # Packages that are measured beside the suite.
-_OTHERS = ("envpool", "mujoco-warp", "warp-lang")
+_OTHERS = ("envpool",)
 
 # Header and rows.
 Table = tuple[Sequence[str], Sequence[Sequence[str]]]
@@ -73,33 +73,6 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}"
 
 
-def warp_tables(results: Mapping[str, Any]) -> list[Table]:
-    """Returns tables of MuJoCo Warp's throughput, of its agreement with C, and of the tasks that it completes."""
-    rates = [
-        (str(row["worlds"]), f"{row['steps_per_second']:.0f}", f"{row['compile_seconds']:.1f}")
-        for row in results["results"]
-    ]
-    parted = results["agreement"]
-    agreement = [(name, f"{parted[name]['median']:.1e}", f"{parted[name]['greatest']:.1e}") for name in parted]
-    played = results["open_loop"]
-    completed = [
-        (f"{task} completed in worlds", f"{number} of {played['worlds']}")
-        for task, number in played["completed"].items()
-    ]
-    completed.append(("greatest distance of the kettle from where it is in C [m]", f"{played['kettle_distance']:.4f}"))
-    return [
-        (("worlds", "control steps/s", "compilation and first step [s]"), rates),
-        (("difference from C after a control step", "median", "greatest"), agreement),
-        (("by the expert's recorded controls", "outcome"), completed),
-    ]
-
-
-def soak_tables(results: Mapping[str, Any]) -> list[Table]:
-    """Returns a table of memory in the course of a long run."""
-    samples = zip(results["results"]["num_steps"], results["results"]["memory"], strict=True)
-    return [(("control steps", "MiB"), [(f"{steps:.0f}", f"{memory:.1f}") for steps, memory in samples])]
-
-
 def rendering_tables(results: Mapping[str, Any]) -> list[Table]:
     """Returns tables of frames per second, of the parts of a frame's time, and of what that time is spent on."""
     by_size = {f"{each['size']} x {each['size']}": each["renderers"] for each in results["results"]}
@@ -127,9 +100,7 @@ def _milliseconds(seconds: float) -> str:
 TABLES: Mapping[str, Callable[[Mapping[str, Any]], list[Table]]] = {
     "speed": speed_tables,
     "scaling": scaling_tables,
-    "soak": soak_tables,
     "rendering": rendering_tables,
-    "warp": warp_tables,
 }
 
 

@@ -2,7 +2,6 @@
 
 python docs/experiments/benchmarks.py                                        ratios of control steps per second
 python docs/experiments/benchmarks.py --domain_name=open_cabinet --rounds=31
-python docs/experiments/benchmarks.py --measure=soak                         memory over a million control steps
 
 Machines are shared and noisy, so only ratios are comparable: in every round each case plays one episode with the same
 actions, and its rate is divided by that of bare MuJoCo in the same round. The table has the median over the rounds.
@@ -22,9 +21,9 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from benchmark_cases import DOMAINS, NUM_THREADS, BenchmarkDomain, Case
+from benchmark_cases import DOMAINS, BenchmarkDomain, Case
 from benchmark_tables import print_results
-from experiment import make_parser, positive, resident_memory
+from experiment import make_parser, positive
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -32,8 +31,6 @@ from kitchen_suite.environment import Environment
 
 # Control steps per second in each round, by name of the case.
 Rates = dict[str, list[float]]
-
-_SOAK_SAMPLES = 20
 
 
 def measure_rates(domain: BenchmarkDomain, cases: Mapping[str, Case], *, rounds: int, steps: int) -> Rates:
@@ -120,26 +117,6 @@ def _make_no_step(count: int = 1) -> None:
     """Takes the place of the physics steps of a control step."""
 
 
-def soak(domain: BenchmarkDomain, num_envs: int, num_steps: int) -> dict[str, list[float]]:
-    """Samples the memory [MiB] in the course of a long run of the suite's vectorised environments.
-
-    `num_steps` is rounded up to a multiple of the number of samples and environments.
-    """
-    environments = domain.vector_env("vectorised", num_envs, NUM_THREADS[-1])
-    rng = np.random.default_rng(0)
-    steps_per_sample = -(-num_steps // (_SOAK_SAMPLES * num_envs))
-    environments.reset(seed=0)
-    done, memory = [0.0], [resident_memory()]
-    with tqdm(total=_SOAK_SAMPLES * steps_per_sample * num_envs, unit="steps", disable=None) as bar:
-        for _ in range(_SOAK_SAMPLES):
-            for _ in range(steps_per_sample):
-                environments.step(domain.draw_actions(rng, (num_envs,)))
-                bar.update(num_envs)
-            done.append(done[-1] + steps_per_sample * num_envs)
-            memory.append(resident_memory())
-    return {"num_steps": done, "memory": memory}
-
-
 def measure_speed(domain: BenchmarkDomain, num_envs: int, rounds: int, steps: int) -> dict[str, Any]:
     """Measures all cases in episodes of some control steps, their ratios, and the time of a step beyond physics."""
     cases = domain.cases(num_envs)
@@ -152,33 +129,22 @@ def measure_speed(domain: BenchmarkDomain, num_envs: int, rounds: int, steps: in
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Returns the results of a measure: its table by name, or several."""
+    """Returns the results of a domain: its tables by name."""
     domain = DOMAINS[options.domain_name]
-    match options.measure:
-        case "speed":
-            steps = options.max_episode_steps or domain.domain.episode_steps
-            return measure_speed(domain, options.num_envs, options.rounds, steps)
-        case _:
-            return {"results": soak(domain, options.num_envs, options.num_steps)}
+    steps = options.max_episode_steps or domain.domain.episode_steps
+    return measure_speed(domain, options.num_envs, options.rounds, steps)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command."""
     parser = make_parser(__doc__)
-    parser.add_argument(
-        "--measure",
-        choices=("speed", "soak"),
-        default="speed",
-        help="control steps per second as ratios; memory in the course of a long run",
-    )
     parser.add_argument("--domain_name", choices=DOMAINS, default="kitchen")
-    parser.add_argument("--rounds", type=positive, default=9, help="rounds of speed that count")
-    parser.add_argument("--max_episode_steps", type=positive, help="control steps of an episode of speed")
+    parser.add_argument("--rounds", type=positive, default=9, help="rounds that count")
+    parser.add_argument("--max_episode_steps", type=positive, help="control steps of an episode")
     parser.add_argument("--num_envs", type=positive, default=32, help="environments stepped together")
-    parser.add_argument("--num_steps", type=positive, default=1_000_000, help="control steps of soak, over all of them")
     parser.add_argument("--json", action="store_true", help="print JSON in place of tables")
     options = parser.parse_args(arguments)
-    print_results(parser, options, options.measure, measure(options))
+    print_results(parser, options, "speed", measure(options))
 
 
 if __name__ == "__main__":

@@ -28,10 +28,9 @@ POLICIES = ("random", "expert", "trained")
 # Policy, sometimes a task instead of the protocol's, and protocol.
 Case = tuple[str, ...]
 
-# Protocols that a policy does not apply to: whose tasks or control mode no policy of the package was trained for; and
-# whose goals are not those of the expert's tasks.
-UNTRAINED = ("lexa", "metra", "earl", "calvin", "goal-reaching")
-NOT_FOR = {"random": (), "expert": ("goal-reaching",), "trained": UNTRAINED}
+# Protocols that a policy does not apply to: its goals are not those of the expert's tasks, and no policy of the package
+# was trained for them.
+NOT_FOR = {"random": (), "expert": ("goal-reaching",), "trained": ("goal-reaching",)}
 
 # Demonstrations that goals are taken from: random 4 of the 7 tasks.
 DEMONSTRATIONS = 100

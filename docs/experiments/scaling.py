@@ -2,21 +2,18 @@
 
 python docs/experiments/scaling.py                                      ten minutes on any machine
 python docs/experiments/scaling.py --minutes=2 --num_envs=32,256 --num_threads=1,2
-python docs/experiments/scaling.py --warp                               MuJoCo Warp on a GPU; writes results/warp.json
-python docs/experiments/scaling.py --warp --device=cpu --worlds=2       the same on Warp's CPU device, as a test
 
 Kitchen and cabinet are stepped with random actions on 1, 2, 4, ... and all processors. In every round each cell of the
 table has the same time, directly before MuJoCo's own batch of the same model, environments and threads; efficiency and
 other ratios are taken within a round, and the table has their medians, since machines are shared and noisy. Where there
 is a GL library, one cell observes pictures. `pip install envpool` adds cells of EnvPool.
 
-`warp_worlds.py` has what `--warp` measures. `docs/scripts/tables.py` makes the tables.
+`docs/scripts/tables.py` makes the tables.
 """
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 
 # isort: split
-import argparse
 import concurrent.futures
 import contextlib
 import dataclasses
@@ -285,29 +282,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--rounds", type=positive, default=ROUNDS, help="rounds over all cells")
     parser.add_argument("--minutes", type=float, default=MINUTES, help="duration of the whole measurement")
     parser.add_argument("--output", type=Path, default=RESULTS, help="folder of the results")
-    parser.add_argument("--warp", action="store_true", help="measure MuJoCo Warp in place of the suite")
-    parser.add_argument("--device", default="cuda", help="Warp's device: cuda or cpu")
-    parser.add_argument("--worlds", type=numbers, help="numbers of Warp's worlds")
     options = parser.parse_args(arguments)
     described = {"command": command_line(parser, options), "machine": machine(), "versions": versions()}
-    if options.warp:
-        measured = measure_warp(options)
-    else:
-        threads = options.num_threads or thread_counts(processors())
-        rows = measure(num_envs=options.num_envs, num_threads=threads, rounds=options.rounds, minutes=options.minutes)
-        measured = {"measure": "scaling", "results": rows}
-    results = {**described, **measured}
-    name = "warp" if options.warp else "scaling"
-    (options.output / f"{name}.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    threads = options.num_threads or thread_counts(processors())
+    rows = measure(num_envs=options.num_envs, num_threads=threads, rounds=options.rounds, minutes=options.minutes)
+    results = {**described, "measure": "scaling", "results": rows}
+    (options.output / "scaling.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     print(plain(results))
-
-
-def measure_warp(options: argparse.Namespace) -> dict[str, Any]:
-    """Returns the results of MuJoCo Warp."""
-    # It needs packages that the suite does not.
-    import warp_worlds
-
-    return {"measure": "warp", **warp_worlds.measure(options.device, options.worlds or warp_worlds.WORLDS)}
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 python docs/scripts/pictures.py            all domains from every camera, and varied scenes; needs a GL library
 python docs/scripts/pictures.py kitchens   generated kitchens alone
 python docs/scripts/pictures.py grammar    what generated kitchens are drawn from; needs the extra `docs` as well
-python docs/scripts/pictures.py arms       other arms alone; needs the extra `arms` and gym-hil
 python docs/scripts/pictures.py controls   plots and frames of the control modes; needs the extra `docs` as well
 """
 
@@ -111,16 +110,6 @@ def write_kitchens_sheet() -> None:
         pictures.append(smooth_picture(environment.physics, "overview", 150, 200))
     sheet = np.vstack([np.hstack(pictures[i : i + 8]) for i in range(0, len(pictures), 8)])
     Image.fromarray(sheet).save(PICTURES / "kitchens.webp", quality=80)
-
-
-def write_arms_picture() -> None:
-    """Renders the other arms that are tested at the start of an episode, from two cameras each."""
-    rows = []
-    for robot in ("panda", "ur5e"):
-        environment = suite.load("kitchen", "all", {"random": 0, "robot": robot, "control_mode": "ee_delta_pose"})
-        environment.reset()
-        rows.append(np.hstack([smooth_picture(environment.physics, name, 360, 480) for name in ("overview", "left")]))
-    save_photograph(np.vstack(rows), "arms")
 
 
 def write_kitchen_pictures() -> None:
@@ -420,7 +409,6 @@ if __name__ == "__main__":
         "all": write_pictures,
         "kitchens": write_kitchens_sheet,
         "grammar": write_grammar_diagram,
-        "arms": write_arms_picture,
         "controls": write_control_pictures,
     }
     parser = make_parser(__doc__)

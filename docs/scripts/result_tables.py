@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import benchmark_tables
-from dates import read_dates
 from scipy import stats
 from tabulate import tabulate
 
@@ -17,7 +16,7 @@ from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.evaluation.compare import compare
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
 from kitchen_suite.evaluation.text import format_comparison
-from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
+from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.generated_kitchens import certificates
 
 RESULTS = Path(__file__).resolve().parent.parent / "experiments" / "results"
@@ -97,42 +96,10 @@ def _reward_row(result: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
-def failed_table() -> str:
-    """Returns the table of failed episodes that `failed_returns.py` has measured, beside the expert's returns."""
-    failed = {(row["task"], row["reward"]): row for row in read_results("failed_returns")}
-    expert = {row["task"]: row for row in read_results("kitchen_rewards")}
-    rows = [
-        (
-            f"`{task}`",
-            *_failed_cells(failed[task, "dense"], expert[task]["dense_return"]),
-            *_failed_cells(failed[task, "dense_gain"], expert[task]["gain_return"]),
-        )
-        for task in DEFAULT_TASKS
-    ]
-    measures = ("failed episodes", "their greatest return", "least return of the expert")
-    return markdown(("task", *(f"`{reward}`: {name}" for reward in ("dense", "dense_gain") for name in measures)), rows)
-
-
-def _failed_cells(failed: dict[str, Any], expert_return: float) -> tuple[str, ...]:
-    greatest = failed["greatest_return"]
-    return str(failed["episodes"]), "none" if greatest is None else f"{greatest:.3g}", f"{expert_return:.3g}"
-
-
 _ONE = "random_1"
 
 # Failed tasks of a setting that are named one by one; difference of medians that counts as none [control steps].
 _NAMED, _SAME_STEPS = 3, 3
-
-# Fractions of episodes with at least 1 to 7 tasks completed.
-_RATES = tuple(f"p{number}" for number in range(1, 8))
-
-# Networks that `docs/experiments/sequences.py` has measured.
-_TRAINED_ON = {
-    "single": "one task at a time",
-    "exact": "one to three tasks",
-    "fast": "one to seven tasks, in fast physics",
-    "continued": "one task at a time, then one to seven, in fast physics",
-}
 
 
 def _measures(row: dict[str, Any]) -> Iterable[str]:
@@ -177,17 +144,6 @@ def network_table() -> str:
     return markdown(("seed", "control steps", "minutes", "processor minutes", *DEFAULT_TASKS), rows)
 
 
-def sequence_table() -> str:
-    """Returns the table of sequences of tasks, by what a network was trained on."""
-    paths = [path for policy in _TRAINED_ON for path in sorted(RESULTS.glob(f"sequences/{policy}_*.json"))]
-    rows = []
-    for path in paths:
-        result, (policy, length) = read_results(f"sequences/{path.stem}"), path.stem.split("_")
-        rates = [rate(result, name) for name in _RATES]
-        rows.append((_TRAINED_ON[policy], length, str(result["num_episodes"]), *rates, f"{result['mean_tasks']:.2f}"))
-    return markdown(("trained on", "tasks asked", "episodes", *_RATES, "mean tasks"), rows)
-
-
 def learning_curve_table(recipe: str) -> str:
     """Returns the table of a recipe's seeds: when half of the episodes succeed, and how many at the end."""
     rows = []
@@ -198,21 +154,6 @@ def learning_curve_table(recipe: str) -> str:
         rows.append((row["seed"], *half, *end))
     header = ("seed", "half succeed after", "minutes", "control steps", "minutes", "success at the end")
     return markdown(header, rows)
-
-
-def training_speed_table() -> str:
-    """Returns the table of the speed of training, and what takes its time."""
-    rows = [
-        (
-            row["settings"],
-            row["threads"],
-            f"{row['steps_per_second']:,.0f}",
-            f"{row['environments']:.0%}",
-            f"{row['update']:.0%}",
-        )
-        for row in read_results("training_speed")
-    ]
-    return markdown(("hyperparameters", "threads", "control steps per second", "environments", "update"), rows)
 
 
 def varied_expert_table() -> str:
@@ -282,7 +223,7 @@ def results() -> Iterator[Mapping[str, Any]]:
 
 
 # Protocols with tables of their own: with many conditions, or with scores over all of them.
-_APART = ("shift", "lexa", "metra", "earl", "calvin", "unseen-kitchens")
+_APART = ("shift", "unseen-kitchens")
 
 
 def goals_table() -> str:
@@ -566,57 +507,6 @@ def digest_table() -> str:
     return f"{table}\n\nWith {versions}, on {result['machine']}."
 
 
-def processor_table() -> str:
-    """Returns the table of what `docs/experiments/processors.py` has measured."""
-    rows = [
-        (
-            f"`{row['domain']}`",
-            row["policy"],
-            f"{row['equal']} of {row['episodes']}",
-            "" if row["first"] is None else f"{row['first']:.0f}",
-            *(f"{row[name]:.0e}" for name in ("after_10", "after_100", "greatest")),
-            f"{row['alike']} of {row['episodes']}",
-        )
-        for row in read_results("processors")
-    ]
-    steps = (
-        "control step of the first difference (median)",
-        "within 10 control steps",
-        "within 100",
-        "within an episode",
-    )
-    return markdown(("domain", "actions", "equal episodes", *steps, "same success"), rows)
-
-
-def mutant_table() -> str:
-    """Returns the table of what `tests/tools/mutants.py` has found."""
-    known = json.loads((RESULTS.parents[2] / "tests" / "tools" / "equivalent_mutants.json").read_text(encoding="utf-8"))
-    rows = []
-    for path in sorted((RESULTS / "mutants").glob("*.json")):
-        found = json.loads(path.read_text(encoding="utf-8"))
-        equivalent = [[each["before"], each["after"]] for each in known.get(found["module"], [])]
-        left_out = sum(lines in equivalent for lines in found["survived"].values())
-        killed, survived = len(found["killed"]), len(found["survived"]) - left_out
-        score = f"{100 * killed / max(killed + survived, 1):.1f} %"
-        rows.append((f"`{found['module']}`", found["total"], killed + survived + left_out, left_out, survived, score))
-    return markdown(("module", "mutants", "tested", "equivalent", "survived", "score"), rows)
-
-
-def vla_eval_table() -> str:
-    """Returns the table of what `docs/experiments/vla_eval_speed.py` has measured."""
-    rows = [
-        (
-            f"`{row['config']}.yaml`",
-            f"`{row['policy']}`",
-            f"{row['successes']} of {row['episodes']}",
-            f"{row['control_steps']:,}",
-            f"{row['seconds']:.0f}",
-        )
-        for row in read_results("vla_eval")
-    ]
-    return markdown(("config", "policy", "successes", "control steps", "seconds"), rows)
-
-
 def fast_settings_table() -> str:
     """Returns the table of what options of the fast physics buy and cost."""
     rows = []
@@ -650,26 +540,6 @@ def fast_experts_table() -> str:
             markdown(header, by_mode),
         ]
     )
-
-
-def arms_table() -> str:
-    """Returns the tables of the expert with other arms: the seven tasks in all modes, and the others in one."""
-    rows = read_results("arms")
-    columns = [*dict.fromkeys((row["robot"], row["mode"]) for row in rows)]
-    cells = {(row["task"], row["robot"], row["mode"]): _of_episodes(row) for row in rows}
-    tables = []
-    for tasks, chosen in (
-        (DEFAULT_TASKS, columns),
-        ([task for task in GOALS if task not in DEFAULT_TASKS], [each for each in columns if each[1] == columns[0][1]]),
-    ):
-        header = ("task", *(f"`{robot}`, `{mode}`" for robot, mode in chosen))
-        tables.append(markdown(header, [(task, *(cells[task, *each] for each in chosen)) for task in tasks]))
-    return "\n".join(tables)
-
-
-def _of_episodes(row: dict[str, Any]) -> str:
-    """Returns the successes in a number of episodes, and their median number of control steps."""
-    return f"{row['successes']} of {row['episodes']}" + (f" ({row['steps']:.0f})" if row["successes"] else "")
 
 
 def _successes(row: dict[str, Any], physics: str) -> str:
@@ -729,69 +599,6 @@ def fast_random_table() -> str:
     return markdown(header, rows)
 
 
-def verified_table() -> str:
-    """Returns the table of the receipts that `docs/experiments/processors.py receipts` has verified."""
-    rows = [
-        (
-            f"`{row['receipt']}`",
-            f"{row['equal']} of {row['episodes']}",
-            f"{row['alike']} of {row['episodes']}",
-            "" if row["first"] is None else row["first"],
-            f"{row['greatest']:.0e}",
-        )
-        for row in read_results("processors_receipts")
-    ]
-    return markdown(("receipt", "equal episodes", "same result", "first difference", "greatest at the end"), rows)
-
-
-def dates_table() -> str:
-    """Returns the table of when the committed results were made, a row for each file or folder."""
-    packages = ("kitchen-suite", "mujoco", "numpy")
-    rows = []
-    for name, group in itertools.groupby(read_dates().items(), lambda item: item[0].partition("/")[0]):
-        made = [each for _, each in group]
-        dates = sorted({each["date"] for each in made})
-        versions = [", ".join(sorted({each["versions"][package] for each in made})) for package in packages]
-        rows.append((f"`{name}`", " to ".join(dict.fromkeys([dates[0], dates[-1]])), *versions))
-    return markdown(("result", "last changed", *packages), rows)
-
-
-def teleoperation_table() -> str:
-    """Returns the table of what `docs/experiments/teleoperation.py` has measured in a browser."""
-    found = read_results("teleoperation")
-    rows = []
-    for task in dict.fromkeys(row["task"] for row in found["drives"]):
-        played = [row for row in found["drives"] if row["task"] == task]
-        seconds = statistics.median(row["seconds"] for row in played)
-        successes = sum(row["success"] for row in played)
-        done = f"{successes} of {len(played)}, {seconds:.0f} s each"
-        rows.append((f"{task}, by a script with pointer and keys", done))
-    pace, latency = found["pace"], found["latency"]
-    rows += [
-        (f"control steps a second, over {pace['seconds'] / 60:.0f} minutes", f"{pace['steps_a_second']:.2f} of 12.5"),
-        ("from an event in the server to its message (median)", f"{latency['event_to_message_ms']:.1f} ms"),
-        ("to the frame of 640 x 480 that is drawn (median)", f"{latency['event_to_frame_ms']:.0f} ms"),
-    ]
-    return markdown(("", "measured"), rows)
-
-
-def teleoperation_recipe_table() -> str:
-    """Returns the table of the demonstrations, the training and the score of the recipe in the same file."""
-    found = read_results("teleoperation")["recipe"]
-    low, high = (100 * bound for bound in found["interval"])
-    rows = [
-        (
-            f"`{found['task']}`",
-            f"{found['successes']} of {found['demonstrations']}",
-            f"{found['minutes_recording']:.0f}",
-            f"{found['minutes_training']:.0f}",
-            f"{100 * found['success']:.0f} % ({low:.0f} to {high:.0f} %)",
-        )
-    ]
-    header = ("task", "demonstrations that succeed", "minutes for them", "minutes of training", "success of the policy")
-    return markdown(header, rows)
-
-
 def certificate_table() -> str:
     """Returns the table of certified tasks by split and verb, from the certificates that the package has."""
     rows = []
@@ -838,22 +645,6 @@ def kitchens_mode_table() -> str:
     return markdown(("control mode", "all", *(f"`{verb}`" for verb in verbs)), cells)
 
 
-def kitchens_curve_table() -> str:
-    """Returns the table of policies by kitchens of their training, from `docs/experiments/generalisation.py`."""
-    names = ("unseen", "seen")
-    rows = read_results("kitchens_curve")
-    cells = [
-        (
-            row["kitchens"],
-            f"{row['demonstrations']:,}",
-            *("{success:.0%} ({interval[0]:.0%} to {interval[1]:.0%})".format(**row[name]) for name in names),
-        )
-        for row in rows
-    ]
-    header = ("kitchens trained in", "demonstrations", "success in 100 kitchens of `test`", "in those of the training")
-    return markdown(header, cells)
-
-
 def kitchens_design_table() -> str:
     """Returns the table of how different the designs are, from `docs/experiments/kitchens.py designs`."""
     rows = [
@@ -877,75 +668,10 @@ def kitchens_speed_table() -> str:
     return markdown(("threads", "speed of 16 designs, relative to one", "by processor time"), rows)
 
 
-def soak_table() -> str:
-    """Returns the tables of what `docs/experiments/soak.py` has played: by domain, and the memory in each process."""
-    parts = read_results("soak")
-    counts = ("control_steps", "episodes", "not_finite", "diverged", "compared", "differences")
-    rows = []
-    kinds = sorted({(part["domain"], part.get("physics", "exact")) for part in parts})
-    for domain, physics in kinds:
-        played = [part for part in parts if (part["domain"], part.get("physics", "exact")) == (domain, physics)]
-        equal = sum(part["replay"] == "0 0" for part in played)
-        sums = (f"{sum(part[count] for part in played):,}" for count in counts)
-        rows.append((f"`{domain}`", physics, *sums, f"{equal} of {len(played)}"))
-    header = (
-        "domain",
-        "physics",
-        "control steps",
-        "episodes",
-        "not finite",
-        "diverged",
-        "values compared",
-        "different",
-    )
-    memory = [
-        row for _, process in itertools.groupby(parts, key=lambda part: part["process"]) for row in _memory(process)
-    ]
-    of_memory = ("process", "control steps", "hours", "greatest memory up to there [MiB]")
-    return "\n".join([markdown((*header, "recordings replayed equal"), rows), markdown(of_memory, memory)])
-
-
-def _memory(process: Iterable[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
-    """Yields rows on the memory of a process at quarters of its parts."""
-    parts = [*process]
-    for quarter in range(1, 5):
-        played = parts[: -(-len(parts) * quarter // 4)]
-        steps, seconds = (sum(part[name] for part in played) for name in ("control_steps", "seconds"))
-        greatest = max(part["memory"] for part in played)
-        yield str(parts[0]["process"]), f"{steps:,}", f"{seconds / 3600:.2f}", f"{greatest:.0f}"
-
-
 def comparison_example() -> str:
-    """Returns the output of kitchen-compare for the evaluations of `docs/experiments/comparison.py`."""
+    """Returns the output of kitchen-compare for two files of `kitchen-evaluate --episodes --json`."""
     comparison = compare(*(RESULTS / "comparison" / f"{policy}.json" for policy in ("expert", "trained")))
     return f"```\n{format_comparison(comparison)}\n```\n"
-
-
-def comparison_constructions() -> str:
-    """Returns the table of policies whose truth is known, from the result of `docs/experiments/comparison.py`."""
-    rows = [
-        (
-            row["construction"],
-            *(f"{100 * row[f'{name}_width']:.1f} %" for name in ("paired", "unpaired")),
-            f"{100 * row['paired_coverage']:.1f} %",
-            *(row[f"{name}_episodes"] for name in ("paired", "unpaired")),
-        )
-        for row in read_results("comparison")
-        if "paired_coverage" in row
-    ]
-    widths = ("width, paired", "width, unpaired")
-    episodes = ("episodes for 80 %, paired", "episodes for 80 %, unpaired")
-    return markdown(("failures", *widths, "paired intervals that contain the truth", *episodes), rows)
-
-
-def comparison_shipped() -> str:
-    """Returns the table of the shipped policies, from the result of `docs/experiments/comparison.py`."""
-    (row,) = (row for row in read_results("comparison") if "correlation" in row)
-    widths = (f"{100 * row[f'{name}_width']:.1f} %" for name in ("paired", "unpaired"))
-    header = ("policies", "width, paired", "width, unpaired", "correlation of successes", "fraction of the episodes")
-    return markdown(
-        header, [(row["construction"], *widths, f"{row['correlation']:.2f}", f"{row['episodes_ratio']:.2f}")]
-    )
 
 
 def quality_table(starts: str) -> str:
@@ -1006,11 +732,8 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "control_modes_tracking": tracking_table,
     "control_modes_speed": control_speed_table,
     "kitchen_rewards": reward_table,
-    "failed_returns": failed_table,
     "training_tasks": training_table,
     "training_network": network_table,
-    "training_sequences": sequence_table,
-    "training_speed": training_speed_table,
     "learning_curves_drawer": functools.partial(learning_curve_table, "drawer"),
     "learning_curves_kettle": functools.partial(learning_curve_table, "kettle"),
     "training_drawer": drawer_table,
@@ -1030,30 +753,18 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "imitation_results": imitation_table,
     "kitchen_policy": kitchen_policy_table,
     "comparison_example": comparison_example,
-    "comparison_constructions": comparison_constructions,
-    "comparison_shipped": comparison_shipped,
     "digests": digest_table,
     "offline_sets": offline_set_table,
     "offline_digests": offline_digest_table,
     "offline_results": offline_table,
     "offline_online": offline_online_table,
-    "mutants": mutant_table,
-    "processors": processor_table,
-    "processors_receipts": verified_table,
-    "result_dates": dates_table,
-    "teleoperation": teleoperation_table,
-    "teleoperation_recipe": teleoperation_recipe_table,
-    "vla_eval": vla_eval_table,
-    "soak": soak_table,
     "kitchens_certificates": certificate_table,
     "kitchens_expert": kitchens_expert_table,
     "kitchens_modes": kitchens_mode_table,
-    "kitchens_curve": kitchens_curve_table,
     "kitchens_designs": kitchens_design_table,
     "kitchens_speed": kitchens_speed_table,
     "fast_settings": fast_settings_table,
     "fast_experts": fast_experts_table,
-    "arms": arms_table,
     "fast_policies": fast_policies_table,
     "fast_parting": fast_parting_table,
     "fast_random": fast_random_table,
@@ -1061,9 +772,8 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     **{
         name: functools.partial(benchmark_table, name)
         for name in (
-            *(f"{domain}_{each}" for domain in ("kitchen", "open_cabinet") for each in ("speed", "soak", "rendering")),
+            *(f"{domain}_{each}" for domain in ("kitchen", "open_cabinet") for each in ("speed", "rendering")),
             "scaling",
-            "warp",
         )
     },
 }

@@ -1,31 +1,29 @@
-"""The robots that the suite has, by name."""
+"""The robots that the suite has, and a user's own."""
 
 import functools
 import hashlib
-from collections.abc import Mapping
-from types import MappingProxyType
 
 from kitchen_suite import checks, imports
 from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA
-from kitchen_suite.entities.arms.panda_2f85 import PANDA_2F85
-from kitchen_suite.entities.arms.ur5e import UR5E
 from kitchen_suite.entities.robot import Robot, RobotSpec
 
 FRANKA = "franka"  # Name of the robot of FrankaKitchen-v1, the default.
 
-ROBOTS: Mapping[str, RobotSpec] = MappingProxyType({FRANKA: KITCHEN_FRANKA, "panda": PANDA_2F85, "ur5e": UR5E})
-"""Robots of the kitchen by name."""
-
 
 def robot_spec(robot: str | RobotSpec) -> RobotSpec:
-    """Returns the specification of a robot: a key of `ROBOTS`, or a user's own, itself or as `module:NAME`.
+    """Returns the specification of a robot: `franka`, or a user's own, itself or as `module:NAME`.
 
-    Raises a ValueError if there is no such robot.
+    Raises a ValueError if there is no such robot, and a TypeError for what names none.
     """
     if isinstance(robot, RobotSpec):
         return robot
-    if not (isinstance(robot, str) and ":" in robot):
-        return ROBOTS[checks.choice(robot, ROBOTS, "robot")]
+    if robot == FRANKA:
+        return KITCHEN_FRANKA
+    if not isinstance(robot, str):
+        raise TypeError(f"robot must be a string or a RobotSpec, got {checks.shown(robot)}")
+    if ":" not in robot:
+        own = "or your own, a RobotSpec or 'module:NAME'"
+        raise ValueError(f"robot {checks.shown(robot)} does not exist; choose {FRANKA!r}, {own}")
     specification = imports.named(robot, "robot")
     if not isinstance(specification, RobotSpec):
         raise ValueError(f"robot {checks.shown(robot)} must be a RobotSpec, got {checks.shown(specification)}")
@@ -43,5 +41,5 @@ def model_digest(robot: str) -> str:
 
 
 def make_robot(robot: str | RobotSpec, *, visuals: bool = True) -> Robot:
-    """Builds a robot; see `robot_spec`. Raises an ImportError if the package with its model is missing."""
+    """Builds a robot; see `robot_spec`."""
     return Robot(robot_spec(robot), visuals=visuals)

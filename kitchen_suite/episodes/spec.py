@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import checks, files, policies, signatures, suite
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.entities.arms import FRANKA, ROBOTS, model_digest
+from kitchen_suite.entities.arms import model_digest
 from kitchen_suite.environment.random_states import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import has_pictures
@@ -120,9 +120,9 @@ class EnvironmentSpec:
 
     @property
     def current_versions(self) -> dict[str, str]:
-        """Versions of the packages here, and the digest of the model of an arm that another package or a user has."""
-        robot = self.task_kwargs.get("robot", FRANKA)
-        if robot == FRANKA or not isinstance(robot, str) or not (robot in ROBOTS or ":" in robot):
+        """Versions of the packages here, and the digest of the model of a user's arm."""
+        robot = self.task_kwargs.get("robot")
+        if not isinstance(robot, str) or ":" not in robot:
             return installed_versions()
         return {**installed_versions(), f"robot {robot}": model_digest(robot)}
 

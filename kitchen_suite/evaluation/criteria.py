@@ -5,7 +5,6 @@ right, bottom left, top right and top left burner (9 to 16), light switch and li
 and right door of the hinge cabinet (20, 21), microwave (22), position and quaternion of the kettle (23 to 29) [rad, m].
 """
 
-import itertools
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -16,31 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 States = NDArray[np.float64]
 
 STATE = np.r_[0:9, 18:39]  # The state among the 59 numbers that the kitchen observes with the Franka.
-
-# Objects of LEXA's goals: columns and values; `envs/kitchen.py` of orybkin/lexa-benchmark, lines 139 to 156.
-_LEXA_VALUES: Mapping[str, Mapping[int, float]] = MappingProxyType(
-    {
-        "bottom_burner": {9: -0.88, 10: -0.01},
-        "light_switch": {17: -0.69, 18: -0.05},
-        "slide_cabinet": {19: 0.37},
-        "hinge_cabinet": {20: 0.0, 21: 0.5},
-        "microwave": {22: -0.5},
-        "kettle": {23: -0.23, 24: 0.75, 25: 1.62},
-    }
-)
-
-# LEXA's twelve goals, by the objects that each moves: six single ones, of METRA too, and six pairs; lines 158 to 168.
-LEXA_SINGLES = tuple((name,) for name in _LEXA_VALUES)
-_PAIRED = ("light_switch", "slide_cabinet", "hinge_cabinet", "kettle")
-LEXA_GOALS = (*LEXA_SINGLES, *itertools.combinations(_PAIRED, 2))
-
-# Below these positions a knob, or the switch, counts as turned on; lines 94 to 96.
-_KNOB_ON, _SWITCH_ON = -0.38, -0.25
-
-# EARL's goal of the objects but the kettle, all shut and off; `envs/kitchen.py` of architsharma97/earl_benchmark.
-_EARL_GOAL = np.array(
-    [2.456005e-05, 2.9547007e-07, *[2.4559975e-05, 2.954692e-07] * 3, 2.161876e-05, 5.0806757e-06, 0.0, 0.0, 0.0, 0.0]
-)
 
 # Positions of the robot's joints in the goals of GAS; `D_utils/kitchen_utils.py` of qortmdgh4141/GAS, line 43.
 GAS_ROBOT = (
@@ -70,51 +44,6 @@ COLUMNS: Mapping[str, slice] = MappingProxyType(
         "kettle": slice(23, 30),
     }
 )
-
-
-def lexa_goal(start: States, objects: tuple[str, ...]) -> States:
-    """Returns the state of a goal of LEXA: a start `(30,)` with some objects elsewhere."""
-    goal = start.copy()
-    for name in objects:
-        for column, value in _LEXA_VALUES[name].items():
-            goal[column] = value
-    return goal
-
-
-def lexa_objects(states: States, goal: States) -> dict[str, NDArray[np.bool_]]:
-    """Returns for each object of LEXA whether it is where a goal `(30,)` has it; lines 88 to 97."""
-
-    def same_side(column: int, limit: float) -> NDArray[np.bool_]:
-        position = states[..., column]
-        return position < limit if goal[column] < limit else position > limit
-
-    kettle = np.linalg.norm(states[..., 23:25] - goal[23:25], axis=-1)
-    return {
-        "bottom_burner": same_side(9, _KNOB_ON),
-        "top_burner": same_side(13, _KNOB_ON),
-        "light_switch": same_side(17, _SWITCH_ON),
-        "slide_cabinet": np.abs(states[..., 19] - goal[19]) < 0.1,
-        "hinge_cabinet": np.abs(states[..., 21] - goal[21]) < 0.2,
-        "microwave": np.abs(states[..., 22] - goal[22]) < 0.2,
-        "kettle": kettle < 0.2,
-    }
-
-
-def lexa_task_relevant(states: States, objects: tuple[str, ...]) -> bool:
-    """Returns whether in some state `(T, 30)` after the first, the start, the objects of a goal are all there."""
-    found = lexa_objects(states[1:], lexa_goal(states[0], objects))
-    return bool(np.all([found[name] for name in objects], axis=0).any())
-
-
-def lexa_all_objects(states: States, objects: tuple[str, ...]) -> bool:
-    """Returns the same of all objects, those that a goal leaves where they start included."""
-    found = lexa_objects(states[1:], lexa_goal(states[0], objects))
-    return bool(np.all([*found.values()], axis=0).any())
-
-
-def earl_success(states: States) -> bool:
-    """Returns whether in some state `(T, 30)` after the first everything is shut and off, by EARL's distance of 0.3."""
-    return bool((np.linalg.norm(states[1:, 9:23] - _EARL_GOAL, axis=-1) <= 0.3).any())
 
 
 def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> States:

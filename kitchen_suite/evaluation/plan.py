@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import hashlib
 import json
-import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -12,7 +11,7 @@ from typing import Annotated, Any, Self
 from msgspec import Meta
 
 from kitchen_suite import checks, files, suite
-from kitchen_suite.entities.arms import FRANKA, ROBOTS
+from kitchen_suite.entities.arms import FRANKA
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.evaluation import criteria, goals, quality
 from kitchen_suite.evaluation.goals import check_franka
@@ -197,13 +196,18 @@ class EvaluationPlan:
         """Returns the plan of a description, unprepared; a TypeError or ValueError for one of another version."""
         record = files.parse(description, _Description, "not the description of an evaluation")
         domain = suite.DOMAINS[checks.choice(record.domain_name, suite.DOMAINS, "domain")]
+        if record.protocol not in PROTOCOLS:
+            raise ValueError(
+                f"it is of protocol {checks.shown(record.protocol)}, which this version of the suite does not have: "
+                f"replay it with the version that wrote it. Here there are {sorted(PROTOCOLS)}"
+            )
         protocol = find_protocol(record.protocol, domain.name)
+        _check_versions(record.versions)
         specs = {}
         for name, condition in record.conditions.items():
             task_name, kwargs = condition.task_name, condition.task_kwargs
             _check_name(protocol, name, task_name)
             check_robot(kwargs)
-            _check_versions(record.versions, kwargs)
             if domain.with_contents(kwargs) != kwargs:
                 raise ValueError(f"{name} depends on files of the machine that wrote it, which may be others elsewhere")
             environments = EnvironmentSpec.make(domain.name, task_name, kwargs, record.max_episode_steps)
@@ -380,17 +384,16 @@ def _available(task_kwargs: Mapping[str, Any], domain_name: str) -> dict[str, An
 
 def check_robot(task_kwargs: Mapping[str, Any]) -> None:
     """Raises a ValueError if a robot is not the suite's: to read a receipt must not import code that it names."""
-    checks.choice(task_kwargs.get("robot", FRANKA), ROBOTS, "robot of a receipt")
+    if (robot := task_kwargs.get("robot", FRANKA)) != FRANKA:
+        raise ValueError(f"the robot of a receipt must be {FRANKA!r}, not {checks.shown(robot)}")
 
 
-def _check_versions(versions: Mapping[str, str], task_kwargs: Mapping[str, Any]) -> None:
-    """Raises a ValueError unless a file names versions of the suite's packages, and the digest of its arm, alone.
+def _check_versions(versions: Mapping[str, str]) -> None:
+    """Raises a ValueError unless a file names versions of the suite's packages alone.
 
     They are shown as facts, which any other words could be taken for.
     """
-    digest = re.compile(r"[0-9a-f]{16}")
-    forms = {**dict.fromkeys(("kitchen-suite", *PACKAGES), VERSION), f"robot {task_kwargs.get('robot')}": digest}
     for name, version in versions.items():
-        checks.choice(name, forms, "package of the versions")
-        if not forms[name].fullmatch(version):
+        checks.choice(name, ("kitchen-suite", *PACKAGES), "package of the versions")
+        if not VERSION.fullmatch(version):
             raise ValueError(f"the version of {name} is no version: {checks.shown(version)}")

@@ -6,7 +6,6 @@ protocol, so the numbers of a protocol must not change once results under it hav
 
 import dataclasses
 import functools
-import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +15,6 @@ from numpy.typing import NDArray
 
 from kitchen_suite import suite
 from kitchen_suite.evaluation import criteria
-from kitchen_suite.names import REVERSES
 
 # Training takes its seeds from 500,000,000 on, and recordings usually from 0: between them nothing has been trained on.
 UNSEEN_SEED = 400_000_000
@@ -113,21 +111,11 @@ _SHIFTS = (
 # The noise of D4RL's kitchen, ten times and two hundred times that of FrankaKitchen-v1.
 _NOISE = {"robot_noise_ratio": 0.1, "object_noise_ratio": 0.1}
 
-# Tasks that shut what EARL's episodes start with open or on.
-_EARL_TASKS = ("close microwave", "turn off light switch", "close slide cabinet", "close hinge cabinet")
-
-# Sets of tasks of which chains are drawn, and the most control steps of a task, CALVIN's.
-_CHAIN_SETS, _CHAIN_STEPS = 8, 360
-
 # Generated kitchens in which nothing is trained, and the episodes in each.
 UNSEEN_KITCHENS, UNSEEN_EPISODES = 100, 4
 
 # Without noise, and to the last control step, as environments of goals that are reached or not.
 _EXACTLY_SEEN = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "terminate_on_tasks_completed": False}
-
-# Goals of LEXA that are not the suite's, and thresholds of the suite's own count, which LEXA's criteria are close to.
-_LEXA_VALUES = {"hinge cabinet": [0.0, 0.5], "microwave": [-0.5]}
-_LEXA_THRESHOLDS = {"slide cabinet": 0.1, "hinge cabinet": 0.2, "microwave": 0.2, "kettle": 0.2}
 
 
 def _velocity_conditions(*tasks: str, **task_kwargs: Any) -> tuple[Condition, ...]:
@@ -137,40 +125,8 @@ def _velocity_conditions(*tasks: str, **task_kwargs: Any) -> tuple[Condition, ..
     )
 
 
-def _of_states(function: Callable[..., bool], **arguments: Any) -> Measure:
-    return lambda states, goals: function(states, **arguments)
-
-
-def _lexa_condition(objects: tuple[str, ...]) -> Condition:
-    tasks = ["bottom right burner" if name == "bottom_burner" else name.replace("_", " ") for name in objects]
-    chosen: dict[str, Mapping[str, Any]] = {"goals": _LEXA_VALUES, "threshold": _LEXA_THRESHOLDS}
-    own = {name: {task: values[task] for task in tasks if task in values} for name, values in chosen.items()}
-    return Condition(
-        name=" and ".join(objects),
-        task_name="all",
-        task_kwargs={
-            "tasks_to_complete": tasks,
-            "goal_states": 1,
-            "control_mode": "ee_delta_pose",
-            **_EXACTLY_SEEN,
-            **{name: values for name, values in own.items() if values},
-        },
-        measures={
-            "task_relevant_success": _of_states(criteria.lexa_task_relevant, objects=objects),
-            "all_objects_success": _of_states(criteria.lexa_all_objects, objects=objects),
-        },
-    )
-
-
 def _means(scores: Mapping[str, Mapping[str, Any]], names: Collection[str]) -> dict[str, float]:
-    # Conditions whose chains are shorter have no `p5`.
-    return {name: round(sum(score.get(name, 0.0) for score in scores.values()) / len(scores), 6) for name in names}
-
-
-def _goals_reached(scores: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """Returns METRA's score: the number of goals that some episode reached."""
-    (score,) = scores.values()
-    return {"goals_reached": sum(score[name] > 0 for (name,) in criteria.LEXA_SINGLES)}
+    return {name: round(sum(score[name] for score in scores.values()) / len(scores), 6) for name in names}
 
 
 def _ordered(name: str, task_name: str, source: str, tasks: Sequence[str] | None = None) -> Protocol:
@@ -188,25 +144,6 @@ def _ordered(name: str, task_name: str, source: str, tasks: Sequence[str] | None
     )
 
 
-def _chain_condition(number: int) -> Condition:
-    """Returns a condition of chains: of each pair of tasks that undo each other, it has one."""
-    chosen = [pair[not number >> place % 3 & 1] for place, pair in enumerate(REVERSES.items())]
-    # The goal of the hinge cabinet has its left door closed.
-    if "hinge cabinet" in chosen:
-        chosen = [task for task in chosen if "left hinge cabinet" not in task]
-    return Condition(
-        name=f"set {number}",
-        task_name="all",
-        task_kwargs={
-            "tasks_to_complete": chosen,
-            "tasks_per_episode": 5,
-            "tasks_in_turn": True,
-            "max_task_steps": _CHAIN_STEPS,
-            "control_mode": "joint_velocity",
-        },
-    )
-
-
 def _kitchen_condition(design: int) -> Condition:
     """Returns a condition of a generated kitchen: to open one of the parts that the expert is certified to open."""
     return Condition(
@@ -220,15 +157,6 @@ def _kitchen_condition(design: int) -> Condition:
             "control_mode": "ee_delta_pose",
             "physics": "fast",
         },
-    )
-
-
-def _earl_condition(pair: tuple[str, str]) -> Condition:
-    return Condition(
-        name=" and ".join(pair),
-        task_name="all",
-        task_kwargs={"tasks_to_complete": [*pair], "control_mode": "joint_velocity", "threshold": 0.1, **_EXACTLY_SEEN},
-        measures={"earl_success": _of_states(criteria.earl_success)},
     )
 
 
@@ -318,62 +246,6 @@ _PROTOCOLS = (
         "all",
         "Shi et al. 2022: microwave, light, slide and hinge cabinet",
         ("microwave", "light switch", "slide cabinet", "hinge cabinet"),
-    ),
-    Protocol(
-        name="lexa",
-        follows="Mendonca et al. 2021: 12 goals, objects alone and in pairs, no noise; scores: two kinds of success",
-        conditions=tuple(map(_lexa_condition, criteria.LEXA_GOALS)),
-        num_episodes=10,
-        max_episode_steps=150,
-        overall=functools.partial(_means, names=("task_relevant_success", "all_objects_success")),
-        differences=(
-            "LEXA moves a hand welded to a mocap body, for 16 physics steps; here it is `ee_delta_pose`, for 40. Its "
-            "code leaves the length of an episode open. Success counts at any control step, as METRA counts it. The "
-            "goal is observed as a state and, with pictures, as one: of the suite's cameras, not of LEXA's."
-        ),
-    ),
-    Protocol(
-        name="metra",
-        follows="Park et al. 2024: episodes stand in for 24 skills, no noise; score: how many of six goals they reach",
-        conditions=(
-            Condition(
-                name="skills",
-                task_name="all",
-                task_kwargs={"control_mode": "ee_delta_pose", **_EXACTLY_SEEN},
-                measures={
-                    name: _of_states(criteria.lexa_task_relevant, objects=(name,)) for (name,) in criteria.LEXA_SINGLES
-                },
-            ),
-        ),
-        num_episodes=24,
-        max_episode_steps=50,
-        overall=_goals_reached,
-        differences="The hand is moved by `ee_delta_pose` in place of a weld to a mocap body.",
-    ),
-    Protocol(
-        name="earl",
-        follows="Sharma et al. 2022: two of four objects open or on, to be shut; score: all objects within 0.3",
-        conditions=tuple(map(_earl_condition, itertools.combinations(_EARL_TASKS, 2))),
-        num_episodes=50,
-        max_episode_steps=400,
-        overall=functools.partial(_means, names=("earl_success",)),
-        differences=(
-            "EARL moves a hand welded to a mocap body; here it is `joint_velocity`. The microwave starts at -0.75 rad, "
-            "not at -0.7. Success counts at any control step."
-        ),
-    ),
-    Protocol(
-        name="calvin",
-        follows="as Mees et al. 2022: 1,000 chains of 5 of the twenty tasks, asked in turn; score: mean length",
-        conditions=tuple(map(_chain_condition, range(_CHAIN_SETS))),
-        num_episodes=1_000 // _CHAIN_SETS,
-        max_episode_steps=5 * _CHAIN_STEPS,
-        score=Score(name="mean_length", best=5.0, tasks=5),
-        overall=functools.partial(_means, names=("p1", "p2", "p3", "p4", "p5", "mean_length")),
-        differences=(
-            "CALVIN is another scene. A chain here has tasks of one of eight sets in which no task undoes another, so "
-            "that the condition of each holds from the start."
-        ),
     ),
     Protocol(
         name="random-4",

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from docs_blocks import ROOT
-from docs_scripts import load_script
 from helpers.errors import assert_is_short, refused
 
 import kitchen_suite
@@ -217,11 +216,3 @@ def test_the_server_names_what_is_wrong_in_one_line():
     assert done.returncode == 1
     assert done.stderr.startswith("vla_eval_kitchen_server: policy 'traind' does not exist (did you mean 'trained'?)")
     assert done.stderr.count("\n") == 1
-
-
-def test_the_time_of_a_config_is_measured():
-    experiment = load_script("experiments/vla_eval_speed")
-    row = experiment.measure("state", "trained", "--benchmark-field=episodes_per_task=1", "--param=tasks=[kettle]")
-    assert (row["episodes"], row["successes"]) == (1, 1)
-    assert 10 < row["control_steps"] < 280
-    assert row["seconds"] > 0

@@ -66,14 +66,6 @@ def test_the_overhead_beyond_physics_is_less_than_a_step(measured):
         assert 0 < overhead[name] < 1e6 / rate
 
 
-def test_a_soak_samples_the_memory_along_the_run(benchmarks):
-    results = benchmarks.soak(benchmarks.DOMAINS["open_cabinet"], num_envs=2, num_steps=400)
-    assert results["num_steps"][0] == 0
-    assert results["num_steps"][-1] == 400
-    assert len(results["memory"]) == len(results["num_steps"])
-    assert min(results["memory"]) > 10
-
-
 def test_the_summary_takes_medians_of_ratios_round_by_round(benchmarks):
     rates = {"bare": [100.0, 200.0, 400.0], "other": [50.0, 200.0, 800.0]}
     cases = {

@@ -1,12 +1,9 @@
 """The experiments measure what is missing, continue where they were interrupted, and leave what has been measured."""
 
-import datetime
 import json
 import re
 import subprocess
-import sys
 
-import mujoco
 import numpy as np
 import pytest
 from docs_blocks import blocks_of
@@ -106,22 +103,6 @@ def test_one_network_is_measured_with_each_of_the_tasks_asked(results, tmp_path,
 
 
 @pytest.mark.clients
-def test_the_speed_of_training_is_measured_with_its_parts(tmp_path, monkeypatch):
-    module = load_script("experiments/training_speed")
-    monkeypatch.setattr(module, "RESULTS", tmp_path / "speed.json")
-    monkeypatch.setattr(module, "SETTINGS", {"small": SMALL})
-    monkeypatch.setattr(module, "STEPS", 128)
-    module.main("1")
-    rows = json.loads(module.RESULTS.read_text())
-    assert [(row["settings"], row["threads"]) for row in rows] == [("small", 1), ("small", 2)]
-    for row in rows:
-        assert row["steps_per_second"] > 0
-        # The networks are updated while the environments step.
-        assert 0 < row["environments"] < 1
-        assert 0 < row["update"] < 1
-
-
-@pytest.mark.clients
 def test_the_policies_with_the_most_successes_are_shipped(results, tmp_path, monkeypatch):
     monkeypatch.setattr(results, "SHIPPED", tmp_path / "shipped")
     results.SHIPPED.mkdir()
@@ -163,44 +144,6 @@ def _values(flags):
 
 
 @pytest.mark.clients
-def test_a_case_has_the_greatest_return_of_the_episodes_that_failed(tmp_path, monkeypatch):
-    script = load_script("experiments/failed_returns")
-    monkeypatch.setattr(script, "RESULTS", tmp_path)
-    monkeypatch.setattr(script, "DEFAULT_TASKS", ("light switch",))
-    monkeypatch.setattr(script, "EPISODES", 3)
-    monkeypatch.setattr(script, "EPISODE_STEPS", 20)
-    monkeypatch.setattr(script, "INTERVAL", 1_000)
-    measure = script.measure
-    monkeypatch.setattr(script, "measure", lambda case: measure(case, steps=3_000))
-    script.main()
-    rows = json.loads((tmp_path / "failed_returns.json").read_text("utf-8"))
-    assert [(row["task"], row["reward"]) for row in rows] == [("light switch", "dense"), ("light switch", "dense_gain")]
-    for row in rows:
-        assert row["episodes"] > 0
-        assert 0 < row["greatest_return"] < 20
-    # Cases with a row are not measured again.
-    monkeypatch.setattr(script, "measure", lambda case: pytest.fail(f"{case} is measured again"))
-    script.main()
-
-
-@pytest.mark.clients
-def test_generalisation_is_measured_once_in_kitchens_seen_and_unseen(tmp_path, monkeypatch):
-    script = load_script("experiments/generalisation")
-    values = {"DEMONSTRATIONS": 2, "STEPS": 4, "TEST_KITCHENS": 1, "EPISODES": 1, "ROWS": tmp_path / "rows.json"}
-    for name, value in values.items():
-        monkeypatch.setattr(script, name, value)
-    script.main([str(tmp_path / "runs"), "1"])
-    (row,) = json.loads(script.ROWS.read_text("utf-8"))
-    assert (row["kitchens"], row["demonstrations"], row["steps"]) == (1, 2, 4)
-    for name in ("seen", "unseen"):
-        low, high = row[name]["interval"]
-        assert row[name]["episodes"] == 1
-        assert 0.0 <= low <= row[name]["success"] <= high <= 1.0
-    monkeypatch.setattr(script, "measure", lambda *arguments: pytest.fail("it is measured again"))
-    script.main([str(tmp_path / "runs"), "1"])
-
-
-@pytest.mark.clients
 def test_the_policy_for_unseen_kitchens_is_trained_and_shipped(tmp_path, monkeypatch):
     script = load_script("experiments/unseen_kitchens")
     values = {"KITCHENS": 2, "EPISODES": 2, "STEPS": 4, "SHIPPED": tmp_path / "shipped"}
@@ -225,50 +168,6 @@ SMALL_ONE = {
 }
 
 
-@pytest.fixture
-def sequences(tmp_path, monkeypatch):
-    script = load_script("experiments/sequences")
-    shorter = (
-        "--num_steps=128",
-        "--eval_interval=64",
-        "--eval_episodes=2",
-        f"--hyperparameters={json.dumps(SMALL_ONE)}",
-    )
-    monkeypatch.setattr(script, "RESULTS", tmp_path / "results")
-    monkeypatch.setattr(script, "EPISODES", 2)
-    flags = script.Approach.flags
-    monkeypatch.setattr(script.Approach, "flags", property(lambda self: [*flags.fget(self), *shorter]))
-    return script
-
-
-@pytest.mark.clients
-def test_all_networks_are_evaluated_in_sequences_and_only_once(sequences, tmp_path, monkeypatch):
-    assert sequences.main([str(tmp_path / "runs")]) == 0
-    results = {path.stem: json.loads(path.read_text("utf-8")) for path in sequences.RESULTS.iterdir()}
-    assert {*results} == {f"{name}_{length}" for name in ("single", *sequences.APPROACHES) for length in (4, 7)}
-    for name, result in results.items():
-        assert result["num_episodes"] == 2
-        assert result["task_kwargs"]["tasks_in_turn"] is True
-        length = int(name[-1])
-        assert f"p{length}" in result
-        assert f"p{length + 1}" not in result
-    # The network for one task at a time completes the first task that is asked.
-    assert results["single_4"]["p1"] == results["single_7"]["p1"] == 1.0
-    digests = {name: result["policy_sha256"] for name, result in results.items()}
-    assert all(digests[name] == digests[f"{name[:-1]}4"] for name in digests)
-    assert len({*digests.values()}) == 4
-
-    # A second run trains no further, and evaluates nothing again; one of which a result is missing goes on.
-    commands = []
-    monkeypatch.setattr(subprocess, "run", lambda command, check: commands.append(command))
-    assert sequences.main([str(tmp_path / "runs")]) == 0
-    assert not commands
-    (sequences.RESULTS / "fast_7.json").unlink()
-    assert sequences.main([str(tmp_path / "runs")]) == 0
-    training, evaluation = commands
-    assert training[-1] == evaluation[-1] == "--resume"
-
-
 @pytest.mark.clients
 @pytest.mark.parametrize("algorithm", ["bc", "flow"])
 def test_a_method_of_imitation_is_trained_and_measured_once(tmp_path, monkeypatch, algorithm):
@@ -286,50 +185,6 @@ def test_a_method_of_imitation_is_trained_and_measured_once(tmp_path, monkeypatc
     assert result["minutes"] > 0
     monkeypatch.setattr(module, "record", lambda *arguments: pytest.fail("it ran again"))
     assert module.main([str(tmp_path / "work")]) == 0
-
-
-def test_committed_results_have_a_date_and_the_versions_that_they_record():
-    dates = load_script("scripts/dates")
-    known = dates.read_dates()
-    found = dates.digests()
-    changed = [name for name, digest in found.items() if known.get(name, {}).get("sha256") != digest]
-    assert changed == [], "python docs/scripts/dates.py dates them"
-    assert known.keys() == found.keys()
-    for path in dates.results():
-        made = known[dates.name_of(path)]
-        assert datetime.date.fromisoformat(made["date"]) <= datetime.datetime.now(datetime.UTC).date(), path
-        assert made["versions"].keys() == {*dates.PACKAGES}, path
-        recorded = dates.recorded_versions(path) or {}
-        assert {**made["versions"], **recorded}.items() >= made["versions"].items(), path
-
-
-def test_results_that_have_changed_are_dated_today(tmp_path, monkeypatch):
-    dates = load_script("scripts/dates")
-    monkeypatch.setattr(dates, "RESULTS", tmp_path)
-    monkeypatch.setattr(dates, "DATES", tmp_path / "dates.json")
-    monkeypatch.setattr(sys, "argv", ["dates.py"])
-    files = [tmp_path / name for name in ("kept.json", "changed.json", "deep/kept.json", "deep/changed.json")]
-    for path in files:
-        path.parent.mkdir(exist_ok=True)
-        path.write_text("[1]", "utf-8")
-    # What is there while something is measured is no result.
-    (tmp_path / "rows.part").write_text("[", "utf-8")
-    old = {"date": "2026-01-02", "versions": dict.fromkeys(dates.PACKAGES, "0.1")}
-    before = {name: {**old, "sha256": digest} for name, digest in dates.digests().items()}
-    dates.DATES.write_text(json.dumps({**before, "removed.json": before["kept.json"]}), "utf-8")
-    files[1].write_text("[2]", "utf-8")
-    files[3].write_text(json.dumps({"versions": {"mujoco": "1.2.3"}}), "utf-8")
-    earliest = datetime.datetime.now(datetime.UTC).date().isoformat()
-    dates.main()
-    after = dates.read_dates()
-    assert after.keys() == {"kept.json", "changed.json", "deep/kept.json", "deep/changed.json"}
-    for name, mujoco_version in {"changed.json": mujoco.__version__, "deep/changed.json": "1.2.3"}.items():
-        made = after.pop(name)
-        assert earliest <= made["date"] <= datetime.datetime.now(datetime.UTC).date().isoformat()
-        assert made["versions"]["mujoco"] == mujoco_version
-        assert made["versions"]["numpy"] == np.__version__
-        assert made["sha256"] == dates.digests()[name]
-    assert after == {name: before[name] for name in ("kept.json", "deep/kept.json")}
 
 
 @pytest.fixture
@@ -509,29 +364,3 @@ def test_the_kettle_is_recorded_around_a_burner_and_never_on_it(kitchen_policy):
         distances = np.linalg.norm(places[:, :2] - BURNER_DISPLACEMENTS[2, :2], axis=1)
         assert least - 0.001 < distances.min()
         assert distances.max() < greatest + 0.001
-
-
-@pytest.fixture
-def comparison():
-    return load_script("experiments/comparison")
-
-
-@pytest.mark.parametrize("name", ["independent coins", "hard episodes", "nested failures"])
-def test_mixtures_succeed_as_often_as_they_are_built_to(comparison, name):
-    mixtures = comparison.Mixtures(comparison.CONSTRUCTIONS[name])
-    a, b, apart = mixtures.draw(50, np.random.default_rng(5))
-    # 100,000 draws have a standard error of 0.0007 to 0.001.
-    assert a.mean() == pytest.approx(0.95, abs=0.005)
-    assert b.mean() == pytest.approx(0.90, abs=0.005)
-    assert apart.mean() == pytest.approx(0.90, abs=0.005)
-    together = np.corrcoef(a.ravel(), b.ravel())[0, 1]
-    assert (together > 0.1) == (name != "independent coins")
-    assert abs(np.corrcoef(a.ravel(), apart.ravel())[0, 1]) < 0.02
-
-
-def test_the_interval_without_pairs_is_newcombes(comparison):
-    # R. Newcombe, Statistics in Medicine 17 (1998) 873-890, table II (a), method 10: 56 of 70 against 48 of 80; also by
-    # statsmodels, confint_proportions_2indep(56, 70, 48, 80, method="newcomb", compare="diff").
-    assert comparison.unpaired_interval(56, 48, 70, 80) == pytest.approx((0.0524, 0.3339), abs=5e-5)
-    low, high = comparison.unpaired_interval(56, 48, 70)
-    assert comparison.unpaired_interval(48, 56, 70) == pytest.approx((-high, -low))

@@ -1,4 +1,4 @@
-"""Scaling is measured in all its cells, in a fraction of a second each; a world of C stands in for MuJoCo Warp's."""
+"""Scaling is measured in all its cells, in a fraction of a second each."""
 
 import contextlib
 import json
@@ -104,82 +104,3 @@ def test_the_bare_batch_makes_the_environments_physics_steps(scaling, physics):
             for i, state in enumerate(own):
                 mujoco.mj_setState(model, data, bare.states[i], INTEGRATION_STATE)
                 np.testing.assert_array_equal(np.concatenate([data.qpos, data.qvel, data.act]), state)
-
-
-class CWorlds:
-    """Worlds of MuJoCo's C library, with the interface of `warp_worlds.WarpWorlds`; `shift` is added to positions."""
-
-    compile_seconds = 0.0
-
-    def __init__(self, model, demonstration, count, shift=0.0):
-        self._model = model
-        self._substeps = demonstration.substeps
-        self._worlds = [mujoco.MjData(model) for _ in range(count)]
-        self._shift = shift
-
-    def set(self, states):
-        for data, qpos, qvel, warmstart in zip(self._worlds, *states, strict=True):
-            mujoco.mj_resetData(self._model, data)
-            data.qpos[:] = qpos
-            data.qvel[:] = qvel
-            data.qacc_warmstart[:] = warmstart
-
-    def load(self, controls):
-        return controls
-
-    def step_loaded(self, controls):
-        self.step(controls)
-
-    def synchronize(self):
-        pass
-
-    def step(self, controls):
-        for data, ctrl in zip(self._worlds, controls, strict=True):
-            data.ctrl[:] = ctrl
-            mujoco.mj_step(self._model, data, self._substeps)
-
-    def qpos(self):
-        return np.array([data.qpos for data in self._worlds]) + self._shift
-
-
-@pytest.fixture(scope="module")
-def demonstrated():
-    module = load_script("experiments/warp_worlds")
-    return module, module.record(), module.exported_model()
-
-
-def test_worlds_of_c_agree_with_c_and_complete_the_experts_tasks(demonstrated):
-    module, demonstration, model = demonstrated
-    worlds = CWorlds(model, demonstration, 2)
-    compared = module.agreement(model, demonstration, worlds, 2, 5)
-    assert {each["greatest"] for each in compared.values()} == {0.0}
-    played = module.open_loop(demonstration, worlds, 2)
-    assert {*played["completed"].values()} == {2}
-    assert len(played["completed"]) == 4
-    assert played["kettle_distance"] < 0.01
-    assert module.throughput(demonstration, worlds, 2, 0.1) > 1
-
-
-def test_worlds_that_differ_from_c_do_not_agree(demonstrated):
-    module, demonstration, model = demonstrated
-    worlds = CWorlds(model, demonstration, 2, shift=0.25)
-    compared = module.agreement(model, demonstration, worlds, 2, 3)
-    for each in compared.values():
-        assert each["median"] == pytest.approx(0.25)
-    assert module.open_loop(demonstration, worlds, 2)["kettle_distance"] > 0.25
-
-
-def test_results_of_warp_have_tables(tables):
-    results = {
-        "measure": "warp",
-        "command": "scaling.py --warp",
-        "device": "NVIDIA Example",
-        "machine": {"processor": "Example", "processors": 4, "load_before": 0.5},
-        "versions": {"mujoco": "3"},
-        "results": [{"worlds": 256, "steps_per_second": 250_000.0, "compile_seconds": 30.0}],
-        "agreement": {"robot": {"median": 1e-7, "greatest": 2e-6}},
-        "open_loop": {"worlds": 256, "control_steps": 9, "completed": {"kettle": 255}, "kettle_distance": 0.0123},
-    }
-    for text in (tables.plain(results), tables.markdown(results)):
-        for shown in ("250000", "30.0", "2.0e-06", "255 of 256", "0.0123", "NVIDIA Example, 4 processors Example"):
-            assert shown in text

@@ -1,10 +1,10 @@
 """Files that change numbers are kept by content: designs, and a user's own certificates."""
 
 import copy
-import dataclasses
 import json
 import pickle
 import shutil
+import sys
 from pathlib import Path
 
 import gymnasium
@@ -27,6 +27,7 @@ from kitchen_suite.versions import installed_versions
 pytestmark = pytest.mark.usefixtures("folder")
 
 ID = "KitchenSuite/Kitchens-v1"
+EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 FIRST, SECOND = (KitchenDesign.drawn(number, "train") for number in (0, 1))
 
 
@@ -173,26 +174,18 @@ def test_a_recording_is_readable_that_has_a_path(run, file):
     assert Recording.open(Path("runs")).spec.task_kwargs["design"] == str(file)
 
 
-@pytest.mark.clients
-@pytest.mark.parametrize("robot", ["ur5e", "panda"])
-def test_the_model_of_another_arm_is_in_the_specification_by_its_digest(robot, monkeypatch):
-    kwargs = {"robot": robot, "control_mode": "ee_delta_pose"}
+def test_the_model_of_a_users_arm_is_in_the_specification_by_its_digest(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    kwargs = {"robot": "my_arm:MY_ARM", "control_mode": "ee_delta_pose"}
     environments = EnvironmentSpec.make("kitchen", "kettle", kwargs)
     spec = environments.episodes(PolicyRef.parse("zero"), seed=0)
-    assert len(spec.versions[f"robot {robot}"]) == 16
+    assert len(spec.versions["robot my_arm:MY_ARM"]) == 16
     assert environments.episodes(PolicyRef.parse("zero"), seed=0) == spec
     own = EnvironmentSpec.make("kitchen", "kettle", {}).episodes(PolicyRef.parse("zero"), seed=0)
     assert own.versions == installed_versions()
-    # Another file of the same name.
-    load = arms.ROBOTS[robot].load
-
-    def changed(*, visuals):
-        model = load(visuals=visuals)
-        model.find_all("geom")[-1].friction = (0.123, 0.005, 0.0001)
-        return model
-
-    other = {**arms.ROBOTS, robot: dataclasses.replace(arms.ROBOTS[robot], load=changed)}
-    monkeypatch.setattr(arms, "ROBOTS", other)
+    # Another arm of the same name.
+    my_arm = sys.modules["my_arm"]
+    monkeypatch.setattr(my_arm, "MJCF", my_arm.MJCF.replace('damping="1"', 'damping="1.1"'))
     arms.model_digest.cache_clear()
     assert environments.episodes(PolicyRef.parse("zero"), seed=0) != spec
     arms.model_digest.cache_clear()

@@ -1,7 +1,6 @@
-"""Other arms in the kitchen, with an arm of one's own that needs no package; tests/clients has those that do."""
+"""Other arms in the kitchen, with the example that needs no package; tests/clients has those that do."""
 
 import dataclasses
-import importlib.util
 import runpy
 from pathlib import Path
 
@@ -12,8 +11,7 @@ from dm_control import mjcf
 
 import kitchen_suite.gymnasium_env  # noqa: F401
 from kitchen_suite import suite
-from kitchen_suite.entities.arms import ROBOTS, make_robot
-from kitchen_suite.entities.robot import prepare_mjcf
+from kitchen_suite.entities.robot import load_package_mjcf, prepare_mjcf
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "my_arm.py"
 MJCF, MY_ARM = map(runpy.run_path(str(EXAMPLE)).get, ("MJCF", "MY_ARM"))
@@ -72,15 +70,13 @@ def test_fast_physics_is_refused():
         load(physics="fast")
 
 
-@pytest.mark.parametrize("robot", ["panda", "ur5e"])
-def test_a_missing_package_is_named_with_its_command(robot, monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ImportError, match=rf"^robot '{robot}' needs \w+: pip install"):
-        make_robot(robot)
+def test_a_missing_package_is_named():
+    with pytest.raises(ImportError, match="package nowhere, which is not installed"):
+        load_package_mjcf("nowhere", "arm.xml", visuals=False)
 
 
 @pytest.mark.parametrize(
-    ("robot", "error"), [("ur5", ValueError), ("nowhere:ARM", ValueError), ("numpy:pi", ValueError)]
+    ("robot", "error"), [("ur5e", ValueError), ("nowhere:ARM", ValueError), ("numpy:pi", ValueError), (3, TypeError)]
 )
 def test_an_unknown_robot_is_refused(robot, error):
     with pytest.raises(error, match="robot"):
@@ -122,10 +118,6 @@ def test_an_arm_may_begin_with_a_joint():
     environment, timestep = load(robot=with_mjcf(text))
     assert timestep.observation["my_arm/joint_positions"].shape == (8,)
     assert np.isfinite(environment.step(np.zeros(7)).observation["my_arm/joint_positions"]).all()
-
-
-def test_every_name_has_a_robot_of_that_name():
-    assert {name: specification.name for name, specification in ROBOTS.items()} == {name: name for name in ROBOTS}
 
 
 @pytest.mark.full

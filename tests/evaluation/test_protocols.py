@@ -1,7 +1,6 @@
 """The protocols, number by number, and how flags replace their values."""
 
 import dataclasses
-import itertools
 import json
 import shutil
 from pathlib import Path
@@ -44,7 +43,7 @@ IN_ORDER = {"tasks_in_order": True}
 EXACTLY = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "terminate_on_tasks_completed": False}
 
 # Protocols with goals or many steps, whose tests take longer.
-LONG = ("beso", "calvin", "earl", "goal-reaching", "lexa", "unseen-kitchens")
+LONG = ("beso", "goal-reaching", "unseen-kitchens")
 
 # Task and arguments of each condition, first seed, episodes, control steps, score.
 LITERAL = {
@@ -100,91 +99,6 @@ LITERAL = {
         100,
         280,
         ("subtasks", 4.0, 4),
-    ),
-    # envs/kitchen.py of orybkin/lexa-benchmark, lines 139 to 168.
-    "lexa": (
-        [
-            (
-                "all",
-                {"tasks_to_complete": [*tasks], "goal_states": 1, "control_mode": "ee_delta_pose"}
-                | EXACTLY
-                | {
-                    name: {task: values[task] for task in tasks if task in values}
-                    for name, values in (
-                        ("goals", {"hinge cabinet": [0.0, 0.5], "microwave": [-0.5]}),
-                        (
-                            "threshold",
-                            {"slide cabinet": 0.1, "hinge cabinet": 0.2, "microwave": 0.2, "kettle": 0.2},
-                        ),
-                    )
-                    if {*tasks} & {*values}
-                },
-            )
-            for tasks in (
-                ("bottom right burner",),
-                ("light switch",),
-                ("slide cabinet",),
-                ("hinge cabinet",),
-                ("microwave",),
-                ("kettle",),
-                ("light switch", "slide cabinet"),
-                ("light switch", "hinge cabinet"),
-                ("light switch", "kettle"),
-                ("slide cabinet", "hinge cabinet"),
-                ("slide cabinet", "kettle"),
-                ("hinge cabinet", "kettle"),
-            )
-        ],
-        400_000_000,
-        10,
-        150,
-        None,
-    ),
-    # envs/lexa/mykitchen.py of seohongpark/METRA, lines 102 to 116; README: 24 skills, trajectories of 50 steps.
-    "metra": ([("all", {"control_mode": "ee_delta_pose"} | EXACTLY)], 400_000_000, 24, 50, None),
-    # earl_benchmark/__init__.py and envs/kitchen.py of architsharma97/earl_benchmark.
-    "earl": (
-        [
-            ("all", {"tasks_to_complete": [*pair], "threshold": 0.1} | VELOCITY | EXACTLY)
-            for pair in itertools.combinations(
-                ("close microwave", "turn off light switch", "close slide cabinet", "close hinge cabinet"), 2
-            )
-        ],
-        400_000_000,
-        50,
-        400,
-        None,
-    ),
-    # calvin_agent/evaluation/evaluate_policy.py of mees/calvin: EP_LEN and NUM_SEQUENCES.
-    "calvin": (
-        [
-            (
-                "all",
-                VELOCITY
-                | {
-                    "tasks_to_complete": [
-                        "close microwave" if one else "microwave",
-                        "close slide cabinet" if other else "slide cabinet",
-                        "close hinge cabinet" if third else "hinge cabinet",
-                        *([["left hinge cabinet", "close left hinge cabinet"][one]] if third else []),
-                        ["bottom burner", "turn off bottom burner"][other],
-                        ["top burner", "turn off top burner"][third],
-                        ["bottom right burner", "turn off bottom right burner"][one],
-                        ["top right burner", "turn off top right burner"][other],
-                        ["light switch", "turn off light switch"][third],
-                        ["kettle", "return kettle"][one],
-                    ],
-                    "tasks_per_episode": 5,
-                    "tasks_in_turn": True,
-                    "max_task_steps": 360,
-                },
-            )
-            for third, other, one in itertools.product(range(2), repeat=3)
-        ],
-        400_000_000,
-        125,
-        1800,
-        ("mean_length", 5.0, 5),
     ),
     "random-4": ([("random_4", VELOCITY)], 400_000_000, 1_000, 280, None),
     # beso/envs/franka_kitchen/goals.py of intuitive-robots/beso: the last two states; configs: 100 runs of ten seeds.
@@ -316,19 +230,10 @@ def test_diffusion_policys_episodes_are_those_of_its_code():
 
 
 def test_scores_over_all_conditions():
-    scores = {
-        "one": {"task_relevant_success": 1.0, "all_objects_success": 0.5},
-        "other": {"task_relevant_success": 0.5, "all_objects_success": 0.0},
-    }
-    assert PROTOCOLS["lexa"].overall(scores) == {"task_relevant_success": 0.75, "all_objects_success": 0.25}
-    reached = dict(zip([name for (name,) in criteria.LEXA_SINGLES], [0.0, 0.1, 1.0, 0.2, 0.0, 0.5], strict=True))
-    assert PROTOCOLS["metra"].overall({"skills": reached}) == {"goals_reached": 4}
-    shorter = {"p1": 1.0, "p2": 0.5, "p3": 0.0, "mean_length": 1.5}
-    assert PROTOCOLS["calvin"].overall({"set 0": shorter}) == {**shorter, "p4": 0.0, "p5": 0.0}
-    assert PROTOCOLS["default"].overall(scores) == {}
     # A third has six decimals.
-    thirds = {str(number): {"earl_success": number // 2} for number in range(3)}
-    assert PROTOCOLS["earl"].overall(thirds) == {"earl_success": 0.333333}
+    thirds = {str(number): {"goal_reached": number // 2} for number in range(3)}
+    assert PROTOCOLS["goal-reaching"].overall(thirds) == {"goal_reached": 0.333333}
+    assert PROTOCOLS["default"].overall(thirds) == {}
 
 
 def test_the_conditions_of_shift_have_names():
@@ -363,7 +268,7 @@ def test_every_protocol_says_whom_it_follows():
     assert all(80 < len(protocol.follows) < 130 for protocol in PROTOCOLS.values())
 
 
-@pytest.mark.parametrize("name", ["strict", "diffusion-policy", "d4rl", "lexa", "random-4"])
+@pytest.mark.parametrize("name", ["strict", "diffusion-policy", "d4rl", "beso", "random-4"])
 def test_a_protocol_of_the_kitchen_is_refused_elsewhere(name):
     expected = rf"protocol '{name}' is not for domain 'open_cabinet'; choose from \['default', 'clean', 'shift'\]"
     with pytest.raises(ValueError, match=expected):
@@ -542,13 +447,13 @@ def test_a_dataset_is_given_where_it_is_needed(settings, shown):
 
 @pytest.mark.full
 def test_states_are_measured_and_goals_taken_with_the_franka_alone(dataset, tmp_path):
-    for protocol in ("metra", "lexa", "earl", "beso"):
-        with refused(ValueError, repr(protocol), "'franka'", "'panda'"):
-            plan(protocol=protocol, task_kwargs={"robot": "panda", "control_mode": "ee_delta_pose"})
+    for protocol in ("beso", "goal-reaching"):
+        with refused(ValueError, repr(protocol), "'franka'", "'my_arm:MY_ARM'"):
+            plan(protocol=protocol, task_kwargs={"robot": "my_arm:MY_ARM", "control_mode": "ee_delta_pose"})
     runs = Path(shutil.copytree(dataset, tmp_path / "runs"))
     specification = json.loads((runs / "recording.json").read_text())
-    (runs / "recording.json").write_text(json.dumps(specification | {"task_kwargs": {"robot": "panda"}}))
-    with refused(ValueError, "runs", "'franka'", "'panda'"):
+    (runs / "recording.json").write_text(json.dumps(specification | {"task_kwargs": {"robot": "my_arm:MY_ARM"}}))
+    with refused(ValueError, "runs", "'franka'", "'my_arm:MY_ARM'"):
         plan(protocol="goal-reaching", dataset=runs)
 
 
@@ -559,9 +464,3 @@ def test_a_dataset_without_goals_is_named(tmp_path):
     for protocol in ("beso", "goal-reaching"):
         with refused(ValueError, "runs", "no episode with a goal"):
             plan(protocol=protocol, dataset=folder)
-
-
-@pytest.mark.parametrize("protocol", ["lexa", "calvin"])
-def test_a_task_does_not_take_the_place_of_conditions_that_differ_otherwise(protocol):
-    with refused(ValueError, repr(protocol), "'kettle' cannot replace"):
-        plan(protocol=protocol, task_name="kettle")

@@ -25,7 +25,7 @@ from docs_blocks import PARSED_MARKS, ROOT, UNSET, Block, blocks_of
 
 PAGES = [
     *(f"docs/guide/recipes/{name}.md" for name in ("skrl", "stable_baselines3", "evaluate_stable_baselines3")),
-    *(f"docs/guide/recipes/{name}.md" for name in ("torchrl", "minari", "rllib")),
+    *(f"docs/guide/recipes/{name}.md" for name in ("torchrl", "minari")),
     "docs/guide/experts.md",
     "docs/guide/tutorial.md",
     "docs/guide/remote_policies.md",

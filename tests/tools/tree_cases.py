@@ -161,10 +161,6 @@ EXTRAS = {
 }
 
 
-# Other arms in the kitchen, with the packages that have their models.
-ROBOTS = {"panda": "gym_hil", "ur5e": "ogbench"}
-
-
 def groups(domain: str) -> tuple[str, ...]:
     """Returns the groups of variations of a domain."""
     return tuple(group for group in GROUPS if group not in MISSING_GROUPS.get(domain, ()))
@@ -374,17 +370,6 @@ def dm_env_cases() -> Named:
         noisy = "expert(speed=0.8, jitter=0.005, action_noise=0.002)"
         yield "load kitchen all, noisy expert to the end", case("kitchen", "all", noisy, steps=280, episodes=1)
         yield "load open_cabinet bottom_drawer, noisy expert", case("open_cabinet", "bottom_drawer", noisy, steps=300)
-    for robot, package in ROBOTS.items():
-        if has(package):
-            arm = {"robot": robot, "control_mode": "ee_delta_pose"}
-            yield f"load kitchen kettle, {robot}", case("kitchen", "kettle", steps=15, with_model=True, **arm)
-            with_visuals = {"visuals": True, "episodes": 1}
-            yield (
-                f"load kitchen kettle, {robot}, with visuals",
-                case("kitchen", "kettle", steps=2, with_model=True, **arm, **with_visuals),
-            )
-            many = functools.partial(play_vectorised, "kitchen", "SameStep", 2, **arm)
-            yield f"vector kitchen, {robot}", many
     yield "load open_cabinet top_drawer, trained grasp", case("open_cabinet", "top_drawer", "trained", reward="grasp")
     turn = {"tasks_in_turn": True, "steps": 150, "episodes": 1}
     yield "load kitchen random_1, trained in turn", case("kitchen", "random_1", "trained", **turn)

@@ -7,7 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-from docs_scripts import load_script
 from helpers import pages
 
 from kitchen_suite.commands import replay
@@ -68,7 +67,9 @@ def test_a_person_moves_the_hand_and_saves_an_episode(port, tmp_path):
 
 def test_a_script_moves_the_kettle_by_pointer_and_keys(tmp_path):
     """The hand itself is dragged; what is saved replays to the bit."""
-    driven = load_script("experiments/teleoperation").drive("kettle", 0, tmp_path / "mine", tmp_path / "end.png")
+    from helpers.scripted_person import drive
+
+    driven = drive("kettle", 0, tmp_path / "mine", tmp_path / "end.png")
     assert driven["success"]
     assert replay.main([str(tmp_path / "mine")]) == 0
     pages.assert_shows_a_scene(tmp_path / "end.png", slice(0, 600))

@@ -1,26 +1,14 @@
-"""Measures teleoperation in a browser: tasks by real pointer and key events, times of answers, and the pace.
+"""A script that teleoperates in a browser as a person does: by real pointer and key events.
 
-python docs/experiments/teleoperation.py drives        a script opens the microwave and moves the kettle, ten times each
-python docs/experiments/teleoperation.py pace          control steps a second over five minutes
-python docs/experiments/teleoperation.py latency       from an event to the message, and to the frame drawn
-python docs/experiments/teleoperation.py recipe FOLDER ten demonstrations, a trained policy and its score, with times
-python docs/experiments/teleoperation.py picture       the picture of docs/guide/teleoperation.md
-
-All but the last write their part of results/teleoperation.json. They need the extras `web`, `browser` and `experts`,
-and headless Chromium; the recipe also `train`. The script of `drives` acts as a person does: it reads the page, drags
-the hand to where it wants to see it, and moves by keys what a drag cannot, which is along the line of sight. Where it
-wants the hand is taken from the path of the scripted expert, in places some centimetres apart.
+It reads the page, drags the hand to where it wants to see it, and moves by keys what a drag cannot, which is along the
+line of sight. Where it wants the hand is taken from the path of the scripted expert, in places some centimetres apart.
 """
 
 import contextlib
-import itertools
-import json
 import re
 import shutil
-import statistics
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -28,7 +16,6 @@ from typing import Any, NamedTuple
 
 import mink
 import numpy as np
-from experiment import PICTURES, RESULTS, make_parser, run_command, timesteps
 from numpy.typing import NDArray
 
 from kitchen_suite import policies, suite
@@ -36,14 +23,8 @@ from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 from kitchen_suite.rendering.cameras import camera_parameters
 from kitchen_suite.viewer.hand import MOVES
 
-PARTS = RESULTS / "teleoperation.json"
-
-PICTURE = PICTURES / "teleoperation.webp"
-
 # Size of the page [pixels]; the panel covers its right third.
 WIDTH, HEIGHT = 960, 480
-
-TASKS, TIMES, RECIPE_TASK = ("kettle", "microwave"), 10, "kettle"
 
 # Distance between places on a path [m], of a place that is reached, and of a key press.
 SPACING, REACHED, NUDGE = 0.04, 0.012, 0.01
@@ -72,15 +53,15 @@ def expert_path(task_name: str, seed: int) -> list[Place]:
     act = policies.find("expert(speed=0.5)")(environment, np.random.default_rng(seed))
     person = TeleoperatedPolicy(environment.task)
     path: list[Place] = []
-    for timestep in timesteps(environment, act):
-        if timestep.last():
-            break
+    timestep = environment.reset()
+    while not timestep.last():
         person.observe(timestep)
         position, quaternion = person.arm.hand
         fingers = timestep.observation["franka/joint_positions"][7:]
         place = Place(position, mink.SO3(quaternion), bool(fingers.mean() < 0.03))
         if not path or _differ(path[-1], place):
             path.append(place)
+        timestep = environment.step(act(timestep))
     beyond = place.position + 2 * (place.position - path[-2].position)
     return [*path[1:], place, place._replace(position=beyond)]
 
@@ -246,181 +227,3 @@ def drive(task_name: str, seed: int, folder: Path, picture: Path | None = None) 
         person.press("enter")
         page.wait_for_function("() => /episodes saved\\s+1/.test(document.body.innerText)", polling=200)
     return {"task": task_name, "seed": seed, "success": success, "seconds": round(seconds, 1)}
-
-
-def drives() -> list[dict[str, Any]]:
-    """Plays each task some times, and plays every episode again from its file."""
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        for task_name in TASKS:
-            output = Path(folder) / task_name
-            for seed in range(TIMES):
-                rows.append(drive(task_name, seed, output))
-                print(rows[-1], flush=True)
-            # Ends with an error unless all are equal.
-            run_command("replay", output, "--episodes=all")
-    return rows
-
-
-def pace(minutes: float = 5.0) -> dict[str, float]:
-    """Returns control steps a second while the hand moves, in a browser that draws."""
-    with shown("--task_name=kettle", "--max_episode_steps=100000") as (page, _):
-        person = ScriptedPerson(page, "kettle", 0)
-
-        def steps() -> int:
-            return int(re.findall(r"control step\s*(\d+)", person.text())[0])
-
-        def move(seconds: float) -> None:
-            end = time.monotonic() + seconds
-            for key in itertools.cycle(["pageup", "pagedown"]):
-                person.press(key)
-                time.sleep(0.15)
-                if time.monotonic() > end:
-                    return
-
-        move(3.0)
-        first, start = steps(), time.monotonic()
-        move(60.0 * minutes)
-        return {"seconds": 60.0 * minutes, "steps_a_second": (steps() - first) / (time.monotonic() - start)}
-
-
-# Writes down when the page has taken a report, and when the frame has ended in which it did [s]: viser's page takes
-# messages, and draws, in one callback for each frame, and the next one begins when that frame has been drawn.
-_FRAMES = """() => {
-  window.frames_drawn = [];
-  const now = () => (performance.timeOrigin + performance.now()) / 1e3;
-  new MutationObserver(() => {
-    const taken = now();
-    requestAnimationFrame(() => window.frames_drawn.push([taken, now()]));
-  }).observe(document.body, {subtree: true, childList: true, characterData: true});
-}"""
-
-
-def latency(count: int = 100) -> dict[str, float]:
-    """Returns medians [ms] from the arrival of an event in the server: to its message, and to the frame drawn."""
-    with tempfile.TemporaryDirectory() as folder:
-        times = Path(folder) / "times.txt"
-        with shown("--task_name=kettle", program=("-c", f"{_TIMED}\nserve({str(times)!r})"), size=(640, 480)) as (
-            page,
-            _,
-        ):
-            page.evaluate(_FRAMES)
-            for number in range(count):
-                page.keyboard.press(("PageUp", "PageDown")[number % 2])
-                # At no fixed time in a control step, in motion and at rest.
-                page.wait_for_timeout(200 + 37 * (number % 20))
-            page.wait_for_timeout(1_000)
-            frames = page.evaluate("() => window.frames_drawn")
-        events = [tuple(map(float, line.split())) for line in times.read_text().splitlines()]
-    return {
-        "events": len(events),
-        "event_to_message_ms": 1e3 * statistics.median(sent - arrived for arrived, sent in events),
-        "event_to_frame_ms": 1e3 * statistics.median(drawn_after(sent, frames) - arrived for arrived, sent in events),
-    }
-
-
-def drawn_after(sent: float, frames: Sequence[Sequence[float]]) -> float:
-    """Returns when the first frame had been drawn that took a report after a message was sent [s]."""
-    return next(drawn for taken, drawn in frames if taken >= sent)
-
-
-# Writes the times of the arrival of each event, and of the message that shows what it has done.
-_TIMED = """
-import sys, time
-from kitchen_suite.viewer.live_page import LivePage
-from kitchen_suite.viewer.stage import Stage
-from kitchen_suite.commands import view
-
-
-def serve(path):
-    arrived = []
-    accepts = LivePage.accepts
-    update = Stage.update
-
-    def accept(self, event):
-        arrived.append(time.time())
-        return accepts(self, event)
-
-    def show(self, *arguments, **options):
-        update(self, *arguments, **options)
-        self._page.server.flush()
-        with open(path, "a") as file:
-            while arrived:
-                file.write(f"{arrived.pop(0)} {time.time()}\\n")
-
-    LivePage.accepts = accept
-    Stage.update = show
-    sys.exit(view.main(sys.argv[1:]))
-"""
-
-
-def recipe(folder: Path) -> dict[str, Any]:
-    """Records ten demonstrations in the page, trains a policy with them, and scores it; returns times and score."""
-    demonstrations, trained, score = folder / "mine", folder / "bc", folder / "score.json"
-    started = time.monotonic()
-    rows = [drive(RECIPE_TASK, seed, demonstrations) for seed in range(TIMES)]
-    recorded = time.monotonic()
-    # Those that failed teach nothing.
-    task = f"--task_name={RECIPE_TASK}"
-    run_command("train", "--algorithm=bc", task, f"--demonstrations={demonstrations}", f"--output={trained}")
-    ended = time.monotonic()
-    policy = f"trained(file={str(trained / 'policy.npz')!r})"
-    episodes = ("--num_episodes=100", "--max_episode_steps=600")
-    run_command("evaluate", task, f"--policy={policy}", *episodes, f"--json={score}")
-    result = json.loads(score.read_text("utf-8"))
-    return {
-        "task": RECIPE_TASK,
-        "demonstrations": len(rows),
-        "successes": sum(row["success"] for row in rows),
-        "minutes_recording": (recorded - started) / 60,
-        "minutes_training": (ended - recorded) / 60,
-        "success": result["success"],
-        "interval": result["intervals"]["success"],
-    }
-
-
-def picture() -> None:
-    """Writes a picture of the page in the middle of an episode."""
-    from PIL import Image
-
-    path = expert_path("microwave", 0)
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        shown("--task_name=microwave", "--camera=overview", f"--output={folder}/mine") as (page, _),
-    ):
-        person = ScriptedPerson(page, "microwave", 0)
-        for place in path[: len(path) * 2 // 3]:
-            person.go(place)
-        page.get_by_text("Episode", exact=True).click()  # Folds it, so that the hand's part is seen.
-        page.wait_for_timeout(2_000)
-        page.screenshot(path=f"{folder}/page.png")
-        Image.open(f"{folder}/page.png").convert("RGB").save(PICTURE, quality=85)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the command."""
-    parser = make_parser(__doc__)
-    measures = parser.add_subparsers(dest="measure", required=True)
-    for name in ("drives", "pace", "latency", "picture"):
-        measures.add_parser(name)
-    measures.add_parser("recipe").add_argument("folder", type=Path)
-    given = parser.parse_args(arguments)
-    match given.measure:
-        case "drives":
-            found: Any = drives()
-        case "pace":
-            found = pace()
-        case "latency":
-            found = latency()
-        case "recipe":
-            found = recipe(given.folder)
-        case _:
-            picture()
-            return
-    results = json.loads(PARTS.read_text("utf-8")) if PARTS.exists() else {}
-    PARTS.write_text(json.dumps({**results, given.measure: found}, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(found, indent=1))
-
-
-if __name__ == "__main__":
-    main()
