@@ -27,6 +27,7 @@ from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.scores import wilson
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.networks import ResidualNetwork, Scales
+from kitchen_suite.training.demonstrations import load_demonstrations
 from kitchen_suite.versions import machine
 
 ROWS = RESULTS / "kitchens_curve.json"
@@ -97,8 +98,7 @@ def train(folder: Path, count: int) -> Network:
     """Trains a network in some kitchens."""
     each = DEMONSTRATIONS // count
     recordings = [record(folder, design, each) for design in range(count)]
-    tasks = flow.requested_tasks(flow.policy_inputs("kitchens", TASK, arguments(0)))
-    demonstrations = flow.read_demonstrations(recordings, tasks, each)
+    demonstrations = load_demonstrations(recordings, EnvironmentSpec.make("kitchens", TASK, arguments(0)), (), [each])
     return Network(*flow.train(demonstrations, flow.Config(), num_steps=STEPS, seed=SEED))
 
 
