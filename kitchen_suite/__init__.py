@@ -6,6 +6,7 @@
 Episodes are played by functions, of environments that an `EnvironmentSpec` describes:
 
 - `play`: episodes of a policy; `record`: to a folder, which `convert` makes data sets of
+- `Recording`: such a folder, its episodes, and the arrays of all their control steps
 - `evaluate`: a policy under a published protocol; the `Evaluation` can be written, read, checked and compared
 - `replay`: a recording, or the receipt of an evaluation, again
 - `compare`: two policies on the same episodes
@@ -36,6 +37,7 @@ if _TYPE_CHECKING:
     from kitchen_suite.datasets.convert import convert as convert
     from kitchen_suite.episodes.play import play as play
     from kitchen_suite.episodes.record import record as record
+    from kitchen_suite.episodes.recording import Recording as Recording
     from kitchen_suite.episodes.spec import EnvironmentSpec as EnvironmentSpec
     from kitchen_suite.evaluation.compare import compare as compare
     from kitchen_suite.evaluation.evaluate import evaluate as evaluate
@@ -46,6 +48,7 @@ _MODULES = ["entities", "environment", "gymnasium_env", "policies", "suite", "ta
 _MEMBERS = {
     "EnvironmentSpec": "kitchen_suite.episodes.spec:EnvironmentSpec",
     "Evaluation": "kitchen_suite.evaluation.evaluation:Evaluation",
+    "Recording": "kitchen_suite.episodes.recording:Recording",
     "compare": "kitchen_suite.evaluation.compare:compare",
     "convert": "kitchen_suite.datasets.convert:convert",
     "evaluate": "kitchen_suite.evaluation.evaluate:evaluate",
@@ -57,6 +60,7 @@ _MEMBERS = {
 __all__ = [
     "EnvironmentSpec",
     "Evaluation",
+    "Recording",
     "compare",
     "convert",
     "entities",

@@ -100,11 +100,11 @@ def choice(value: object, choices: Collection[str], name: str) -> str:
     if not isinstance(value, str):
         raise TypeError(f"{name} must be a string, got {shown(value)}")
     if value not in choices:
-        raise ValueError(f"{name} {shown(value)} does not exist{_hint(value, choices)}")
+        raise ValueError(f"{name} {shown(value)} does not exist{hint(value, choices)}")
     return value
 
 
-def _hint(value: object, choices: Collection[str]) -> str:
+def hint(value: object, choices: Collection[str]) -> str:
     """Returns the end of an error that suggests the nearest choice and lists all, or the ends of a long list."""
     near = nearest(value, choices) if isinstance(value, str) else None
     meant = f" (did you mean {near!r}?)" if near else ""
@@ -156,7 +156,7 @@ def keywords(
     for name in names:
         if name not in choices:
             way = elsewhere.get(name) if isinstance(name, str) else None
-            raise TypeError(f"unexpected {what} {shown(name)}" + (f": {way}" if way else _hint(name, choices)))
+            raise TypeError(f"unexpected {what} {shown(name)}" + (f": {way}" if way else hint(name, choices)))
 
 
 def number(value: object, name: str, *, positive: bool = False, maximum: float = math.inf) -> float:

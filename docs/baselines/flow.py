@@ -11,28 +11,24 @@ Source: Lipman et al., Flow Matching for Generative Modeling, ICLR 2023. A resid
 transformer of published policies; its weights are averaged, and its learning rate falls like half a cosine.
 """
 
-import argparse
 import dataclasses
-import itertools
 import json
 import math
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
-import dm_env
+import baseline
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-import kitchen_suite
+from kitchen_suite import EnvironmentSpec, Recording
 from kitchen_suite.policies.networks import ResidualNetwork, Scales
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
-
-INPUT_EPSILON = 0.01  # Added to the standard deviations of inputs.
-ACTION_EPSILON = 1e-3  # Added to the standard deviations of actions.
+from kitchen_suite.training.bc import Network, scales_of
+from kitchen_suite.training.demonstrations import Demonstrations, load_demonstrations
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -62,117 +58,6 @@ class Config:
     averaging: float = 0.999
 
 
-# The recordings.
-
-
-def read_spec(folder: Path) -> dict[str, Any]:
-    """Returns the specification of a recording."""
-    return json.loads((folder / "recording.json").read_text(encoding="utf-8"))
-
-
-def policy_inputs(domain_name: str, task_name: str, task_kwargs: dict[str, Any]) -> PolicyInputs:
-    """Returns what policies take of the observations of a task."""
-    with kitchen_suite.EnvironmentSpec.make(domain_name, task_name, task_kwargs).make_environment() as environment:
-        return environment.unwrapped.environment.task.policy_inputs
-
-
-def requested_tasks(inputs: PolicyInputs) -> tuple[str, ...]:
-    """Returns the tasks whose request a policy observes; none where every episode requests the same ones."""
-    return inputs.tasks if inputs.observes_requests else ()
-
-
-def read_observation(arrays: Any) -> Any:
-    """Returns the observations of an episode as the environment returns them: an array, or arrays by key."""
-    if "observation" in arrays:
-        return arrays["observation"]
-    prefix = "observation/"
-    return {name.removeprefix(prefix): arrays[name] for name in arrays.files if name.startswith(prefix)}
-
-
-@dataclasses.dataclass(frozen=True)
-class Demonstrations:
-    """Control steps of all episodes, one after the other.
-
-    Attributes:
-      inputs: `(m, n)`, float32: the state, and which tasks are requested.
-      actions: `(m, k)`, float32.
-      last: `(m,)`, index of the last step of each step's episode.
-    """
-
-    inputs: NDArray[np.float32]
-    actions: NDArray[np.float32]
-    last: NDArray[np.int64]
-
-
-def read_demonstrations(folders: Sequence[Path], tasks: Sequence[str], count: int | None = None) -> Demonstrations:
-    """Reads the successful episodes of recordings, at most `count` of each; requests of `tasks` are inputs."""
-    inputs: list[NDArray[np.float32]] = []
-    actions: list[NDArray[np.float32]] = []
-    for folder in folders:
-        spec = read_spec(folder)
-        observed = policy_inputs(spec["domain_name"], spec["task_name"], spec["task_kwargs"])
-        read = 0
-        for path in sorted(folder.glob("episode_*.npz")):
-            with np.load(path) as arrays:
-                if read == count or not json.loads(str(arrays["metadata"]))["results"]["success"]:
-                    continue
-                observed_inputs = observed.state_and_requests(read_observation(arrays), tasks)
-                inputs.append(observed_inputs[:-1].astype(np.float32))
-                actions.append(arrays["action"].astype(np.float32))
-            read += 1
-        if not read:
-            raise SystemExit(f"{folder} holds no successful episode")
-    lengths = [len(each) for each in actions]
-    last = np.repeat(np.cumsum(lengths) - 1, lengths)
-    return Demonstrations(np.concatenate(inputs), np.concatenate(actions), last)
-
-
-def scales_of(inputs: NDArray, actions: NDArray) -> Scales:
-    """Returns the standardisation of inputs and actions."""
-    inputs = inputs.astype(np.float64)
-    actions = actions.astype(np.float64)
-    return Scales(
-        input_mean=inputs.mean(axis=0).astype(np.float32),
-        input_deviation=(inputs.std(axis=0) + INPUT_EPSILON).astype(np.float32),
-        action_mean=actions.mean(axis=0).astype(np.float32),
-        action_deviation=(actions.std(axis=0) + ACTION_EPSILON).astype(np.float32),
-    )
-
-
-# The network.
-
-
-class Block(torch.nn.Module):
-    """A residual block: normalisation of the layer, and two affine maps with SiLU units between them."""
-
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.norm = torch.nn.LayerNorm(width)
-        self.first = torch.nn.Linear(width, width)
-        self.second = torch.nn.Linear(width, width)
-
-    def forward(self, values: torch.Tensor) -> torch.Tensor:
-        return values + self.second(torch.nn.functional.silu(self.first(self.norm(values))))
-
-
-class Network(torch.nn.Module):
-    """An affine map, residual blocks, and another affine map."""
-
-    def __init__(self, inputs: int, outputs: int, *, width: int, blocks: int) -> None:
-        super().__init__()
-        self.input = torch.nn.Linear(inputs, width)
-        self.blocks = torch.nn.Sequential(*(Block(width) for _ in range(blocks)))
-        self.output = torch.nn.Linear(width, outputs)
-
-    def forward(self, values: torch.Tensor) -> torch.Tensor:
-        return self.output(self.blocks(self.input(values)))
-
-    def in_numpy(self) -> ResidualNetwork:
-        """Returns the network as it is now, for a policy that acts with numpy alone."""
-        arrays = {f"network.{name}": tensor.detach().clone().numpy() for name, tensor in self.state_dict().items()}
-        return ResidualNetwork.take(arrays, "network")
-
-
 def time_features(time: NDArray[np.float32]) -> NDArray[np.float32]:
     """Returns features `(..., 8)` of times `(..., 1)` in [0, 1]: sines and cosines of four frequencies."""
     angles = time * (np.pi * 2.0 ** np.arange(4, dtype=np.float32)).astype(np.float32)
@@ -180,9 +65,6 @@ def time_features(time: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 TIME_FEATURES = 8
-
-
-# Training.
 
 
 def flow_loss(network: Network, inputs: torch.Tensor, chunks: torch.Tensor) -> torch.Tensor:
@@ -195,6 +77,19 @@ def flow_loss(network: Network, inputs: torch.Tensor, chunks: torch.Tensor) -> t
     return torch.nn.functional.mse_loss(velocity, chunks - noise)
 
 
+def carry(network: ResidualNetwork, inputs: NDArray, noise: NDArray, steps: int) -> NDArray[np.float32]:
+    """Returns the chunks `(..., c k)` that noise of that shape becomes for inputs `(n,)`, by Euler's method."""
+    leading = noise.shape[:-1]
+    inputs = np.broadcast_to(inputs, (*leading, inputs.size))
+    chunks = noise
+    for step in range(steps):
+        features = time_features(np.array([step / steps], np.float32))
+        features = np.broadcast_to(features, (*leading, features.size))
+        velocity = network(np.concatenate([inputs, chunks, features], axis=-1))
+        chunks = chunks + velocity / np.float32(steps)
+    return chunks
+
+
 def train(
     demonstrations: Demonstrations, config: Config, *, num_steps: int, seed: int
 ) -> tuple[ResidualNetwork, Scales]:
@@ -202,12 +97,10 @@ def train(
     # The matrices are small: with a second thread, training is slower.
     torch.set_num_threads(1)
     torch.manual_seed(seed)
-    scales = scales_of(demonstrations.inputs, demonstrations.actions)
+    scales = scales_of(demonstrations.inputs, demonstrations.actions, baseline.INPUT_EPSILON)
     inputs = torch.as_tensor(scales.inputs(demonstrations.inputs))
     actions = torch.as_tensor((demonstrations.actions - scales.action_mean) / scales.action_deviation)
-    # The actions of each chunk; at the end of an episode the last one repeats.
-    ahead = np.arange(len(actions))[:, np.newaxis] + np.arange(config.chunk)
-    following = torch.as_tensor(np.minimum(ahead, demonstrations.last[:, np.newaxis]))
+    following = torch.as_tensor(demonstrations.chunks(config.chunk))
 
     size = config.chunk * actions.shape[1]
     network = Network(inputs.shape[1] + size + TIME_FEATURES, size, width=config.width, blocks=config.blocks)
@@ -227,13 +120,8 @@ def train(
     return average.module.in_numpy(), scales
 
 
-# Acting.
-
-
-class FlowPolicy:
-    """Predicts a chunk of actions, and applies the first ones before it predicts the next chunk."""
-
-    _generator: np.random.Generator
+class FlowPolicy(baseline.ChunkPolicy):
+    """Draws chunks of actions."""
 
     def __init__(
         self,
@@ -244,84 +132,42 @@ class FlowPolicy:
         generators: Iterator[np.random.Generator],
     ) -> None:
         """Prepares to act by a network; `generators` are those of the noise of each episode in turn."""
+        super().__init__(observed, config.executed, generators)
         self._network = network
         self._scales = scales
-        self._observed = observed
         self._config = config
-        self._generators = generators
-        self._waiting: list[NDArray[np.float32]] = []
 
-    def __call__(self, timestep: dm_env.TimeStep) -> NDArray[np.float32]:
-        """Returns the action for a time step of an episode."""
-        if timestep.first():
-            self._generator = next(self._generators)
-            self._waiting = []
-        if not self._waiting:
-            tasks = requested_tasks(self._observed)
-            inputs = self._observed.state_and_requests(timestep.observation, tasks).ravel()
-            self._waiting = [*self.predict(inputs)[: self._config.executed]]
-        return self._waiting.pop(0)
-
-    def predict(self, inputs: NDArray) -> NDArray[np.float32]:
+    def predict(self, inputs: NDArray, generator: np.random.Generator) -> NDArray[np.float32]:
         """Returns a chunk of actions `(c, k)` for inputs `(n,)`."""
-        standardised = self._scales.inputs(inputs)
-        values = self._generator.standard_normal(self._network.outputs, np.float32)
-        for step in range(self._config.flow_steps):
-            time = time_features(np.array([step / self._config.flow_steps], np.float32))
-            velocity = self._network(np.concatenate([standardised, values, time]))
-            values = values + velocity / np.float32(self._config.flow_steps)
+        noise = generator.standard_normal(self._network.outputs, np.float32)
+        values = carry(self._network, self._scales.inputs(inputs), noise, self._config.flow_steps)
         return self._scales.actions(values.reshape(self._config.chunk, -1))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Trains and evaluates."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = baseline.make_parser(__doc__, Config, num_steps=12_000)
     parser.add_argument("recordings", type=Path, nargs="+", help="folders of kitchen-record")
-    parser.add_argument("--output", type=Path, required=True, help="new folder of settings, scores and receipt")
     parser.add_argument("--num_demonstrations", type=int, help="episodes of each recording; all without it")
-    parser.add_argument("--num_steps", type=int, default=12_000, help="steps of the optimiser (%(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="of the training (%(default)s)")
     parser.add_argument("--task_name", help="to evaluate on; that of the recording without it")
     parser.add_argument("--task_kwargs", type=json.loads, help="of that task, as JSON; the recording's without it")
-    parser.add_argument("--eval_episodes", type=int, default=100, help="(%(default)s)")
-    parser.add_argument("--eval_seed", type=int, default=400_000_000, help="of the first episode (%(default)s)")
-    for field in dataclasses.fields(Config):
-        parser.add_argument(f"--{field.name}", type=type(field.default), default=field.default, help="(%(default)s)")
     given = parser.parse_args(arguments)
 
     given.output.mkdir(parents=True)
-    config = Config(**{field.name: getattr(given, field.name) for field in dataclasses.fields(Config)})
-    recorded = read_spec(given.recordings[0])
-    task = {
-        "domain_name": recorded["domain_name"],
-        "task_name": given.task_name or recorded["task_name"],
-        "task_kwargs": recorded["task_kwargs"] if given.task_kwargs is None else given.task_kwargs,
-    }
-    observed = policy_inputs(**task)
-    demonstrations = read_demonstrations(given.recordings, requested_tasks(observed), given.num_demonstrations)
+    config = Config(**baseline.changes(Config, given))
+    recorded = Recording.open(given.recordings[0]).spec
+    task_kwargs = recorded.task_kwargs if given.task_kwargs is None else given.task_kwargs
+    spec = EnvironmentSpec.make(recorded.domain_name, given.task_name or recorded.task_name, task_kwargs)
+    observed = baseline.policy_inputs(spec)
+    counts = [given.num_demonstrations] if given.num_demonstrations else []
+    demonstrations = load_demonstrations(given.recordings, spec, baseline.requested_tasks(observed), counts)
+    if demonstrations.state_elements is not None:
+        raise SystemExit("the recordings hold a part of the state alone")
     started = time.process_time()
     network, scales = train(demonstrations, config, num_steps=given.num_steps, seed=given.seed)
-    minutes = (time.process_time() - started) / 60
-    trained = {"num_steps": given.num_steps, "seed": given.seed, "processor_minutes": minutes, **vars(config)}
-    (given.output / "training.json").write_text(json.dumps(trained, indent=1) + "\n", encoding="utf-8")
-
-    # The noise of an episode depends on its seed alone; the 1 tells its stream from that of the environment.
-    generators = (np.random.default_rng((seed, 1)) for seed in itertools.count(given.eval_seed))
-    policy = FlowPolicy(network, scales, observed, config, generators)
-    # One episode after the other, by time steps: the policy keeps a chunk of actions between control steps, and drops
-    # it at the first time step of an episode.
-    evaluation = kitchen_suite.evaluate(
-        policy,
-        takes="timestep",
-        protocol="default",
-        **task,
-        num_episodes=given.eval_episodes,
-        seed=given.eval_seed,
-        num_envs=1,
-        receipt=given.output / "receipt.npz",
-        verbose=True,
-    )
-    (given.output / "evaluation.json").write_text(json.dumps(evaluation.as_json(), indent=1) + "\n", encoding="utf-8")
+    baseline.write_training(given, config, time.process_time() - started)
+    policy = FlowPolicy(network, scales, observed, config, baseline.generators(given.eval_seed))
+    baseline.evaluate(policy, spec, given)
 
 
 if __name__ == "__main__":

@@ -48,20 +48,17 @@ def act(timestep):
     return trained()(*(torch.as_tensor(array)[None] for array in seen))[0, 0].numpy()
 
 
-def train(episodes, steps):
+def train(recording, steps):
     """Fits a network to recorded episodes, and writes its weights."""
-    network, data = Network(), []
-    for episode in episodes:
-        arrays = episode.arrays
-        later = np.minimum(np.arange(episode.steps)[:, None] + np.arange(8), episode.steps - 1)
-        seen = arrays["observation/pixels"][:-1], arrays["observation/agent_pos"][:-1, :9]
-        data.append((*seen, arrays["action"][later]))
-    pictures, joints, actions = (torch.as_tensor(np.concatenate(arrays)) for arrays in zip(*data, strict=True))
+    network, taken = Network(), recording.load_transitions()
+    later = np.minimum(np.arange(len(taken.actions))[:, None] + np.arange(8), taken.last[:, None])
+    pictures, joints = (torch.as_tensor(taken.observations[key][taken.rows]) for key in ("pixels", "agent_pos"))
+    actions = torch.as_tensor(taken.actions[later])
     optimizer = torch.optim.AdamW(network.parameters())
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     for _ in range(steps):
         rows = torch.randint(len(actions), (64,))
-        loss = (network(pictures[rows], joints[rows]) - actions[rows]).abs().mean()
+        loss = (network(pictures[rows], joints[rows, :9]) - actions[rows]).abs().mean()
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

@@ -1,7 +1,7 @@
 """Recordings as HDF5 files of D4RL's layout, which many offline learners read. Needs the extra `record`."""
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from kitchen_suite.datasets import columns, hdf5
 from kitchen_suite.episodes.episode import Episode
 from kitchen_suite.episodes.spec import EpisodeSpec
+from kitchen_suite.episodes.transitions import Transitions
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.kitchen.observation import FRANKA_SLICES
@@ -33,35 +34,37 @@ def write(path: Path, spec: EpisodeSpec, episodes: Iterable[Episode]) -> None:
     with hdf5.new_file(path) as file, contextlib.closing(spec.make_environment()) as environment:
         task = suite_env(environment).composer_task
         for episode in episodes:
-            hdf5.append(file, columns_of(episode, task))
+            hdf5.append(file, columns_of(Transitions.of([episode]), task))
 
 
-def columns_of(episode: Episode, task: SuiteTask) -> dict[str, NDArray]:
-    """Returns the arrays that a dataset holds of an episode of a task, by their names there."""
-    arrays, observed = episode.arrays, columns.state_observations(episode)
+def columns_of(transitions: Transitions, task: SuiteTask) -> dict[str, NDArray]:
+    """Returns the arrays that a dataset holds of control steps in a task, by their names there."""
+    arrays, rows = transitions.arrays, transitions.rows
+    observed = columns.state_observations(arrays)
     is_relay = any(name.startswith("observation/desired_goal/") for name in arrays)
-    observations = relay_observations(episode, task) if is_relay else observed
-    ends = arrays["truncation"].copy()
-    # An episode that was cut ends here as well.
-    ends[-1] |= not arrays["termination"][-1]
-    rows = {
-        "observations": observations[:-1],
-        "next_observations": observations[1:],
-        "actions": arrays["action"],
-        "rewards": arrays["reward"],
-        "terminals": arrays["termination"],
-        "timeouts": ends & ~arrays["termination"],
+    observations = relay_observations(arrays, task) if is_relay else observed
+    found = {
+        "observations": observations[rows],
+        "next_observations": observations[rows + 1],
+        "actions": transitions.actions,
+        "rewards": transitions.rewards,
+        "terminals": transitions.terminations,
+        # An episode that was cut ends here as well.
+        "timeouts": (transitions.truncations | transitions.ends) & ~transitions.terminations,
     }
-    extra = {f"infos/{key}": each[:-1] for key, each in columns.extra_observations(episode).items()}
-    return {**rows, **({"infos/observations": observed[:-1]} if is_relay else {}), **extra}
+    extra = {f"infos/{key}": each[rows] for key, each in columns.extra_observations(arrays).items()}
+    return {**found, **({"infos/observations": observed[rows]} if is_relay else {}), **extra}
 
 
-def relay_observations(episode: Episode, task: SuiteTask) -> NDArray[np.float64]:
-    """Returns observations of the kitchen `(T + 1, 60)`: 30 positions, and their goals, 0 where none is requested.
+def relay_observations(arrays: Mapping[str, NDArray], task: SuiteTask) -> NDArray[np.float64]:
+    """Returns observations of the kitchen `(n, 60)`: 30 positions, and their goals, 0 where none is requested.
 
     With another arm than the Franka they are more.
+
+    Args:
+      arrays: by the names of an episode.
+      task: of the environment.
     """
-    arrays = episode.arrays
     requested = arrays.get("observation/requested_tasks")
     observations = arrays["observation/observation"]
     parts = task.mdp.sensors.slices

@@ -1,9 +1,8 @@
 """Recordings as npz files of OGBench's layout."""
 
 import contextlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from kitchen_suite import files
 from kitchen_suite.datasets import columns
 from kitchen_suite.episodes.episode import Episode
 from kitchen_suite.episodes.spec import EpisodeSpec
+from kitchen_suite.episodes.transitions import Transitions
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 
 
@@ -31,33 +31,35 @@ def write(path: Path, spec: EpisodeSpec, episodes: Iterable[Episode]) -> None:
     if validation_path.exists():
         raise FileExistsError(f"{validation_path} exists already, and is never replaced: name another dataset")
     with contextlib.closing(spec.make_environment()) as environment:
-        rows = [columns_of(episode, suite_env(environment)) for episode in episodes]
-    training = len(rows) - len(rows) // columns.VALIDATION
+        transitions = Transitions.of(episodes)
+        rows = columns_of(transitions, suite_env(environment))
+    lengths = transitions.lengths
+    training = len(lengths) - len(lengths) // columns.VALIDATION
+    split = int(lengths[:training].sum()) + training
+    parts = {path: slice(split)}
+    if training < len(lengths):
+        parts[validation_path] = slice(split, None)
     with contextlib.ExitStack() as stack:
         # The first file gets its name last.
-        for each, part in ((path, rows[:training]), (validation_path, rows[training:])):
-            if part:
-                partial = stack.enter_context(files.atomic_create(each))
-                partial.write_bytes(files.pack_arrays(_joined(part)))
+        for each, part in parts.items():
+            partial = stack.enter_context(files.atomic_create(each))
+            partial.write_bytes(files.pack_arrays({name: column[part] for name, column in rows.items()}))
 
 
-def columns_of(episode: Episode, environment: SuiteEnv) -> dict[str, NDArray]:
-    """Returns the arrays that a dataset holds of an episode of such an environment, by their names there."""
+def columns_of(transitions: Transitions, environment: SuiteEnv) -> dict[str, NDArray]:
+    """Returns the arrays that a dataset holds of episodes of such an environment, by their names there."""
     model = environment.environment.physics.model
-    arrays, states = episode.arrays, columns.physics_states(episode)
-    terminals = np.zeros(episode.steps + 1, np.float32)
-    terminals[-1] = 1.0
+    states = columns.physics_states(transitions.arrays)
+    ends = np.cumsum(transitions.lengths)
+    starts = ends - transitions.lengths
+    actions = transitions.actions
     return {
-        "observations": columns.state_observations(episode),
-        "actions": np.concatenate([arrays["action"], arrays["action"][-1:]]),
-        "terminals": terminals,
+        "observations": columns.state_observations(transitions.arrays),
+        "actions": np.insert(actions, ends, actions[ends - 1], axis=0),
+        "terminals": np.insert(np.zeros(len(actions), np.float32), ends, 1.0),
         "qpos": states[:, : model.nq],
         "qvel": states[:, model.nq : model.nq + model.nv],
-        "rewards": np.concatenate([[0.0], arrays["reward"]]),
-        "completions": np.concatenate([[False], arrays["termination"]]),
-        **columns.extra_observations(episode),
+        "rewards": np.insert(transitions.rewards, starts, 0.0),
+        "completions": np.insert(transitions.terminations, starts, False),
+        **columns.extra_observations(transitions.arrays),
     }
-
-
-def _joined(parts: Sequence[Mapping[str, NDArray]]) -> dict[str, Any]:
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

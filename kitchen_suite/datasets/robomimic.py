@@ -80,4 +80,4 @@ def _states(episode: Episode, environment: SuiteEnv) -> NDArray[np.float64]:
     substeps = environment.composer_task.physics_steps_per_control_step
     # MuJoCo adds its timestep to the time again and again, and rounds as often.
     times = np.cumsum([0.0, *[model.opt.timestep] * (substeps * episode.steps)])[::substeps]
-    return np.column_stack([times, columns.physics_states(episode)[:, : model.nq + model.nv]])
+    return np.column_stack([times, columns.physics_states(episode.arrays)[:, : model.nq + model.nv]])

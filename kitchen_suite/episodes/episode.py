@@ -59,6 +59,30 @@ _LAYOUT = {
 }
 
 
+# Beginnings that names may lack where they are looked up.
+_BEGINNINGS = ("", "observation/", "observation/pixels/", "pixels/")
+
+
+class NamedArrays(dict[str, NDArray]):
+    """Arrays by name, which are found by the names of cameras and without the beginning `observation/` as well.
+
+    The picture `observation/pixels/franka_hand` of the camera `franka/hand` is also found as `franka/hand` and as
+    `pixels/franka/hand`. Any other name is a KeyError that lists the names there are; `in` and `get` take exact ones.
+    """
+
+    def __missing__(self, name: str) -> NDArray:
+        for beginning in _BEGINNINGS:
+            wanted = _without_slashes(f"{beginning}{name}")
+            found = [each for each in self if _without_slashes(each) == wanted]
+            if len(found) == 1:
+                return self[found[0]]
+        raise KeyError(f"there is no array {checks.shown(name)}{checks.hint(name, self)}")
+
+
+def _without_slashes(name: str) -> str:
+    return name.replace("/", "_")
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Summary:
     """The length, return and metrics of an episode.
@@ -77,6 +101,11 @@ class Summary:
     metrics: Metrics
     seconds: float
 
+    @property
+    def success(self) -> bool:
+        """Whether the episode succeeded; False where its metrics do not tell."""
+        return bool(self.metrics.get("success"))
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Episode:
@@ -84,6 +113,7 @@ class Episode:
 
     Attributes:
       seed: seed of the environment's reset; None if unknown.
+      arrays: by the names above; similar names find them as well (see `NamedArrays`).
       seconds: its share of the time that playing took [s].
       instruction: the task's sentence; the empty string if it has none.
       metrics: of its task by name, such as `success`; none for an episode that another program recorded.
@@ -104,11 +134,21 @@ class Episode:
         return len(self.arrays["reward"])
 
     @property
+    def total_reward(self) -> float:
+        """Undiscounted return."""
+        return float(self.arrays["reward"].sum())
+
+    @property
+    def success(self) -> bool:
+        """Whether the episode succeeded; False where its metrics do not tell."""
+        return self.summary.success
+
+    @property
     def summary(self) -> Summary:
         return Summary(
             seed=self.seed,
             steps=self.steps,
-            total_reward=float(self.arrays["reward"].sum()),
+            total_reward=self.total_reward,
             metrics=self.metrics,
             seconds=self.seconds,
         )
@@ -303,14 +343,15 @@ class EpisodeBuffer:
             return dm_env.restart(observation)
         return dm_env.transition(self.reward, observation)
 
-    def arrays(self) -> dict[str, NDArray]:
+    def arrays(self) -> NamedArrays:
         """Returns the arrays of the episode so far."""
         columns = zip(*self._steps, strict=True)
-        return {
+        arrays = {
             **{name: np.stack([row[name] for row in self._rows]) for name in self._rows[0]},
             **{name: np.array(column) for name, column in zip(Step._fields, columns, strict=True)},
             **{name: np.array([labels[name] for labels in self._labels]) for name in self._labels[0]},
         }
+        return NamedArrays(arrays)
 
     def episode(self, environment: gymnasium.Env, index: int, seed: int | None, seconds: float = 0.0) -> Episode:
         """Returns the episode so far, with the sentence and the metrics of the environment's present episode."""

@@ -17,7 +17,17 @@ from numpy.typing import DTypeLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.episodes.cluster import Cluster
-from kitchen_suite.episodes.episode import PHYSICS_STATE, Episode, EpisodeBuffer, Step, Waiting, Watch, flatten, ignore
+from kitchen_suite.episodes.episode import (
+    PHYSICS_STATE,
+    Episode,
+    EpisodeBuffer,
+    NamedArrays,
+    Step,
+    Waiting,
+    Watch,
+    flatten,
+    ignore,
+)
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec, even_count, policy_generator, reset_to_seed
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import (
@@ -281,7 +291,7 @@ class VectorEpisode:
         return Episode(
             index=self.index,
             seed=self.seed,
-            arrays=arrays,
+            arrays=NamedArrays(arrays),
             seconds=self.seconds,
             instruction=self.instruction,
             metrics={} if self.diverged else task.records.metrics(self.last_info),

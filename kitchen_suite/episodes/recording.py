@@ -12,8 +12,9 @@ from typing import Any
 import gymnasium
 
 from kitchen_suite import files
-from kitchen_suite.episodes.episode import Episode, Summary
+from kitchen_suite.episodes.episode import Episode, NamedArrays, Summary
 from kitchen_suite.episodes.spec import EpisodeSpec
+from kitchen_suite.episodes.transitions import Transitions
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.tasks.records import Metrics
 
@@ -37,7 +38,14 @@ class _Metadata:
 
 
 class Recording:
-    """A folder of episodes, which all have the specification `spec`; see `create`, `claim` and `open`."""
+    """A folder of episodes, which all have one specification; `kitchen_suite.record` makes it, and `open` reads it.
+
+    Iterating over it reads the episodes, each an `Episode` with seed, success, return, length, and arrays by name.
+
+    Attributes:
+      folder: of the files.
+      spec: domain, task and arguments of the environments, the policy, and the seed of the first episode.
+    """
 
     def __init__(self, folder: Path, spec: EpisodeSpec) -> None:
         self.folder, self.spec = folder, spec
@@ -91,6 +99,11 @@ class Recording:
         first = len(_PATTERN.partition("*")[0])
         numbers = (path.stem[first:] for path in self.folder.glob(_PATTERN))
         return sorted(int(number) for number in numbers if number.isdecimal())
+
+    @property
+    def successful(self) -> list[int]:
+        """Numbers of the episodes that succeeded, in order; raises as `load`."""
+        return [index for index in self.indices if self.load_summary(index).success]
 
     def present(self, count: int) -> list[int]:
         """Returns the numbers of those of the first `count` episodes that are in the folder."""
@@ -148,7 +161,7 @@ class Recording:
             episode = Episode(
                 index=index,
                 seed=about.seed,
-                arrays=arrays,
+                arrays=NamedArrays(arrays),
                 seconds=about.seconds,
                 instruction=about.instruction,
                 metrics=about.results,
@@ -157,6 +170,27 @@ class Recording:
         except ValueError as error:
             raise OSError(f"{self._path(index)} does not hold an episode: {error}") from error
         return episode
+
+    def load_transitions(self, indices: Iterable[int] | None = None) -> Transitions:
+        """Reads the arrays of all control steps, one episode after the other, in the order of the numbers.
+
+        Of `m` control steps of `e` episodes, the result has as NumPy arrays:
+          `observations`: by key, `(m + e, ...)` in the types of the observation space; each episode has a row more
+            than it has steps, that of its reset. A camera's picture is found by the camera's name as well.
+          `rows`: `(m,)` int64, the row of the observation before each step; the next row was observed after it.
+          `actions`: `(m, n)` float32, as they were applied; in recordings of `kitchen-rollout` float64.
+          `rewards`: `(m,)` float64.
+          `terminations`, `truncations`, `ends`: `(m,)` bool; `ends` is true at each last step of an episode.
+          `last`: `(m,)` int64, the number of the last step of each step's episode.
+          `indices`, `lengths`: `(e,)` int64, numbers of the episodes and of their steps.
+          `arrays`: all of them, infos, physics states and labels by the names that an episode's arrays have.
+
+        Args:
+          indices: numbers of the episodes, such as `recording.successful`, in the order wanted; None for all.
+
+        Raises as `load`, and a ValueError if there are no such episodes.
+        """
+        return Transitions.of(map(self.load, self.indices if indices is None else indices))
 
     def load_fitting(self, index: int, environment: gymnasium.Env) -> Episode:
         """Reads an episode for those who compute with it; raises as `load`.

@@ -21,7 +21,7 @@ from kitchen_suite.episodes.play import Controller, PolicyController
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.imitated import ClonedPolicy
-from kitchen_suite.policies.networks import CLIP, Scales
+from kitchen_suite.policies.networks import CLIP, ResidualNetwork, Scales
 from kitchen_suite.training.demonstrations import Demonstrations, check_observed, load_demonstrations
 from kitchen_suite.training.export import picture_encoder, residual_network
 from kitchen_suite.training.recipes import BCHyperparameters
@@ -61,6 +61,10 @@ class Network(torch.nn.Module):
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Returns `(b, n)` for values `(b, m)`."""
         return self.output(self.blocks(self.input(values)))
+
+    def in_numpy(self) -> ResidualNetwork:
+        """Returns a copy of the network that acts with numpy alone."""
+        return residual_network(self)
 
 
 class Encoder(torch.nn.Module):
@@ -140,7 +144,7 @@ class BCLearner(Learner):
         torch.manual_seed(seed)
         self._config = config
         self._num_steps = num_steps
-        self._scales = scales = _scales_of(demonstrations, config.standardisation_epsilon)
+        self._scales = scales = scales_of(demonstrations.inputs, demonstrations.actions, config.standardisation_epsilon)
         self._inputs = torch.as_tensor(scales.inputs(demonstrations.inputs))
         self._actions = torch.as_tensor((demonstrations.actions - scales.action_mean) / scales.action_deviation)
         self._chunks = torch.as_tensor(demonstrations.chunks(config.chunk))
@@ -200,7 +204,7 @@ class BCLearner(Learner):
         acting = {"algorithm": ClonedPolicy.algorithm, "chunk": self._config.chunk, "executed": self._config.executed}
         return ClonedPolicy(
             scales=self._scales,
-            network=residual_network(self.averaged.network),
+            network=self.averaged.network.in_numpy(),
             encoders=tuple(picture_encoder(encoder) for encoder in self.averaged.encoders),
             metadata={**metadata, **acting, **self._metadata},
         )
@@ -209,10 +213,10 @@ class BCLearner(Learner):
         return PolicyController(environments, lambda environment, _: policy.episode(environment.task))
 
 
-def _scales_of(demonstrations: Demonstrations, epsilon: float) -> Scales:
+def scales_of(inputs: NDArray, actions: NDArray, epsilon: float) -> Scales:
     """Returns the standardisation of inputs and actions; `epsilon` is added to deviations of inputs."""
-    inputs = demonstrations.inputs.astype(np.float64)
-    actions = demonstrations.actions.astype(np.float64)
+    inputs = inputs.astype(np.float64)
+    actions = actions.astype(np.float64)
     return Scales(
         input_mean=inputs.mean(axis=0).astype(np.float32),
         input_deviation=(inputs.std(axis=0) + epsilon).astype(np.float32),

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import itertools
 import json
 import warnings
 from collections.abc import Collection, Mapping, Sequence
@@ -17,6 +16,7 @@ from kitchen_suite import suite
 from kitchen_suite.episodes.episode import unflatten
 from kitchen_suite.episodes.recording import SPEC_FILE, Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec
+from kitchen_suite.episodes.transitions import Transitions
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.observations import picture_key
 from kitchen_suite.tasks.task import SuiteTask
@@ -101,8 +101,7 @@ def load_recording(
         if missing == spec.names:
             raise ValueError(problem)
         warnings.warn(f"{problem}: nothing is learned of {sorted(name for _, name in missing)}", stacklevel=2)
-    successful = (index for index in recording.indices if recording.load_summary(index).metrics["success"])
-    indices = [*itertools.islice(successful, count)]
+    indices = recording.successful[:count]
     if len(indices) < (count or 1):
         raise ValueError(f"{folder} holds {len(indices)} successful episodes, not {count or 'one or more'}")
     with recording.spec.make_environment() as environment:
@@ -110,16 +109,15 @@ def load_recording(
         task = single.composer_task
         robot = single.observations.robot_elements
         sees = single.observations.has_pictures
-        episodes = [recording.load_fitting(index, environment).arrays for index in indices]
-    taught = _taught(episodes, folder)
-    chosen = np.concatenate(taught)
-    observations = [unflatten(arrays, "observation") for arrays in episodes]
+        transitions = Transitions.of(recording.load_fitting(index, environment) for index in indices)
+    taught = _taught(transitions, folder)
+    observation = unflatten(transitions.arrays, "observation")
     policy_inputs = task.policy_inputs
     if sees:
         check_same(folder, recording.spec, spec, ("cameras", "image_size"))
         # Of the state they have the robot's part alone.
         policy_inputs = dataclasses.replace(policy_inputs, state_size=len(robot))
-    inputs = np.concatenate([policy_inputs.state_and_requests(each, tasks)[:-1] for each in observations])
+    inputs = policy_inputs.state_and_requests(observation, tasks)[transitions.rows]
     elements: tuple[int, ...] | None = None
     size = task.policy_inputs.state_size
     recorded = np.isfinite(inputs[:, :size]).all(axis=0)
@@ -128,28 +126,26 @@ def load_recording(
         elements = tuple(np.flatnonzero(recorded).tolist())
         inputs = inputs[:, [*elements, *range(size, inputs.shape[1])]]
     return Demonstrations(
-        inputs=finite(inputs[chosen], folder),
-        actions=finite(np.concatenate([arrays["action"] for arrays in episodes])[chosen], folder),
-        last=_last_of_stretches(taught),
+        inputs=finite(inputs[taught], folder),
+        actions=finite(transitions.actions[taught], folder),
+        last=_last_of_stretches(np.split(taught, np.cumsum(transitions.lengths)[:-1])),
         state_elements=tuple(robot) if sees else elements,
-        pictures=_pictures(observations, task, chosen) if sees else {},
+        pictures=_pictures(observation["pixels"], task, transitions.rows[taught]) if sees else {},
     )
 
 
-def _pictures(observations: Sequence[Any], task: SuiteTask, chosen: NDArray[np.bool_]) -> dict[str, NDArray[np.uint8]]:
-    """Returns the pictures `(m, h, w, 3)` of each camera in the chosen steps of episodes."""
-    found = {}
-    for camera in (picture.camera for picture in task.pictures.pictures if picture.kind == "pixels"):
-        arrays = (each["pixels"] for each in observations)
-        taken = (each[picture_key(camera)] if isinstance(each, Mapping) else each for each in arrays)
-        found[camera] = np.concatenate([each[:-1] for each in taken])[chosen]
-    return found
+def _pictures(observed: Any, task: SuiteTask, rows: NDArray[np.int64]) -> dict[str, NDArray[np.uint8]]:
+    """Returns the pictures `(m, h, w, 3)` of each camera in some rows of what was observed of them."""
+    cameras = [picture.camera for picture in task.pictures.pictures if picture.kind == "pixels"]
+    if not isinstance(observed, Mapping):
+        return dict.fromkeys(cameras, observed[rows])
+    return {camera: observed[picture_key(camera)][rows] for camera in cameras}
 
 
-def _taught(episodes: Sequence[Mapping[str, NDArray]], folder: Path) -> list[NDArray[np.bool_]]:
-    """Returns which actions `(T,)` of each episode are a demonstrator's: interventions; all where it has no labels."""
-    taught = [each.get("label/is_intervention", np.ones(len(each["action"]), np.bool_)) for each in episodes]
-    if not any(each.any() for each in taught):
+def _taught(transitions: Transitions, folder: Path) -> NDArray[np.bool_]:
+    """Returns which actions `(m,)` are a demonstrator's: interventions; all where there are no labels."""
+    taught = transitions.arrays.get("label/is_intervention", np.ones(len(transitions.actions), np.bool_))
+    if not taught.any():
         raise ValueError(f"{folder} holds no actions of a demonstrator: its policy never intervened")
     return taught
 
@@ -185,13 +181,12 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
     if recording.spec.origin is not None:
         raise ValueError(f"{folder} was made by kitchen-convert: behaviour cloning (bc) learns from it")
     with recording.spec.make_environment() as environment:
-        episodes = [recording.load_fitting(index, environment).arrays for index in recording.indices]
+        transitions = Transitions.of(recording.load_fitting(index, environment) for index in recording.indices)
     with spec.make_environment() as environment:
-        flatten = suite_env(environment).composer_task.policy_inputs.flatten
-    taught = np.concatenate(_taught(episodes, folder))
-    observations = np.concatenate([flatten(unflatten(arrays, "observation"))[:-1] for arrays in episodes])[taught]
-    actions = np.concatenate([arrays["action"] for arrays in episodes])[taught]
-    return finite(observations, folder), finite(actions, folder)
+        policy_inputs = suite_env(environment).composer_task.policy_inputs
+    taught = _taught(transitions, folder)
+    observations = policy_inputs.flatten(unflatten(transitions.arrays, "observation"))[transitions.rows]
+    return finite(observations[taught], folder), finite(transitions.actions[taught], folder)
 
 
 def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[str]) -> Recording:

@@ -73,4 +73,4 @@ def test_implicit_q_learning_learns_from_failed_episodes(rewarded, tmp_path, ext
 
 def test_a_recording_without_success_is_named(rewarded, tmp_path):
     printed = run("flow", rewarded, f"--output={tmp_path / 'flow'}", *SHORT, status=1)
-    assert f"{rewarded} holds no successful episode" in printed
+    assert f"{rewarded} holds 0 successful episodes, not one or more" in printed
