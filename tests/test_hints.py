@@ -178,7 +178,7 @@ sys.modules[{package!r}] = None
 import kitchen_suite
 assert not hasattr(kitchen_suite, "experts") or {extra!r} != "experts"
 try:
-    import {module}
+    from {module} import {name.rpartition(".")[2]}
 except ImportError as error:
     print(error)
 {name}
@@ -187,9 +187,8 @@ except ImportError as error:
     assert result.returncode == 1
     assert package in result.stdout
     assert f"[{extra}]" in result.stdout
-    if extra == "experts":
-        assert "AttributeError" in result.stderr
-        assert f"[{extra}]" in result.stderr.splitlines()[-1]
+    assert ("AttributeError" in result.stderr) is (extra == "experts")
+    assert extra != "experts" or f"[{extra}]" in result.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize(("version", "said"), [((3, 11, 7), True), ((3, 12, 1), False)])

@@ -13,13 +13,13 @@ ROOT = Path(__file__).resolve().parent.parent
 # Each package knows those after it. All know GROUND, which knows no other; RENDERING knows hardly more.
 ORDER = (
     "commands",
-    "lerobot",
     "doctor",
     "viewer",
     "adapters",
     "training",
     "evaluation",
     "datasets",
+    "lerobot",
     "episodes",
     "vector_env",
     "gymnasium_env",

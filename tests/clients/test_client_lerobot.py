@@ -14,9 +14,9 @@ from helpers.episodes import load_episode
 from helpers.errors import refused
 
 from kitchen_suite.commands import convert, record
-from kitchen_suite.datasets.lerobot import LeRobotObservations
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.lerobot.observations import LeRobotObservations
 from kitchen_suite.suite import DOMAINS
 
 pytestmark = [pytest.mark.lerobot, pytest.mark.usefixtures("folder")]
@@ -47,7 +47,7 @@ def load(root=ROOT):
 def config(domain, **settings):
     from lerobot.envs.configs import EnvConfig
 
-    import kitchen_suite.lerobot  # noqa: F401
+    import kitchen_suite.lerobot.configs  # noqa: F401
 
     return EnvConfig.get_choice_class(domain)(**settings)
 
@@ -206,7 +206,7 @@ def test_an_interrupt_leaves_no_dataset_and_the_same_command_makes_it(run, monke
 def test_lerobots_own_commands_find_the_package():
     from lerobot.configs.parser import load_plugin
 
-    sys.modules.pop("kitchen_suite.lerobot", None)
+    sys.modules.pop("kitchen_suite.lerobot.configs", None)
     load_plugin("kitchen_suite.lerobot")
     assert "kitchen_suite.lerobot.configs" in sys.modules
 
