@@ -6,7 +6,6 @@ a folder of the machine; what is read here has none of these. Sizes are checked 
 
 import contextlib
 import errno
-import importlib
 import math
 import os
 import tempfile
@@ -132,7 +131,9 @@ def check_group(path: Path, name: str) -> None:
 
 def library() -> Any:
     """Returns h5py; raises an ImportError without it."""
-    return importlib.import_module("h5py")
+    import h5py
+
+    return h5py
 
 
 def _collect(group: Any, name: str, datasets: list[Any], visited: set[int], depth: int) -> None:
