@@ -204,11 +204,15 @@ def test_an_interrupt_leaves_no_dataset_and_the_same_command_makes_it(run, monke
 
 
 def test_lerobots_own_commands_find_the_package():
-    from lerobot.configs.parser import load_plugin
-
-    sys.modules.pop("kitchen_suite.lerobot.configs", None)
-    load_plugin("kitchen_suite.lerobot")
-    assert "kitchen_suite.lerobot.configs" in sys.modules
+    """In a new interpreter, by the path that the flag `--env.discover_packages_path` names."""
+    code = (
+        "from lerobot.configs.parser import load_plugin\n"
+        "from lerobot.envs import EnvConfig\n"
+        "load_plugin('kitchen_suite.lerobot')\n"
+        "print(*EnvConfig.get_known_choices())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert DOMAINS.keys() <= {*done.stdout.split()}, done.stderr
 
 
 def test_the_distribution_for_lerobot_registers_every_domain_by_its_name_alone():
