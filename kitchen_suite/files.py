@@ -3,16 +3,13 @@
 import contextlib
 import dataclasses
 import errno
-import functools
 import hashlib
 import io
 import json
 import math
 import os
-import re
 import secrets
 import shutil
-import socket
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -30,11 +27,6 @@ T = TypeVar("T")
 # Bounds of what is read into memory [bytes], and so of what a damaged or malicious file can ask for.
 MAX_ARRAY_BYTES = 512 * 2**20
 _MAX_JSON_BYTES = 16 * 2**20
-
-_MAX_JSON_DEPTH = 64  # Levels of arrays and objects in JSON that is read; what the suite writes has fewer than ten.
-
-# Names of unfinished files and folders: machine, process, random number, and the name when finished.
-_PARTIAL = re.compile(r"\.kitchen-suite\.(?P<machine>[^.]+)\.(?P<process>\d{1,7})\.[0-9a-f]{8}\..+")
 
 
 @contextlib.contextmanager
@@ -91,10 +83,9 @@ def made_folder(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
-    """Yields a hidden path beside `path` for a folder, removed at the end, as those that killed processes have left."""
+    """Yields a hidden path beside `path` for a folder, which is removed at the end."""
     path = path.absolute()
     with made_folder(path.parent):
-        remove_stale_partials(path.parent)
         partial = partial_path(path)
         try:
             yield partial
@@ -145,11 +136,10 @@ class DescribedFolder:
         return load_json(path, f"the description of {self.kind}")
 
     def resume(self, folder: Path, present: Any, wanted: Mapping[str, Any]) -> None:
-        """Removes unfinished files of a folder; a ValueError if its `present` description is not the `wanted` one."""
+        """Raises a ValueError if the `present` description of a folder is not the `wanted` one."""
         check_writable(folder)
         if found := first_difference(present, wanted):
             raise ValueError(f"{folder} holds {self.kind} with {found}: name another folder")
-        remove_stale_partials(folder)
 
 
 def first_difference(present: Any, wanted: Mapping[str, Any]) -> str:
@@ -177,33 +167,11 @@ def _partial(path: Path) -> Iterator[Path]:
 
 
 def partial_path(path: Path) -> Path:
-    """Returns a hidden path in the same folder, of a name that nothing else has, to write to before renaming it."""
-    return path.with_name(f".kitchen-suite.{_machine()}.{os.getpid()}.{secrets.token_hex(4)}.{path.name}")
+    """Returns a hidden path in the same folder, of a name that nothing else has, to write to before renaming it.
 
-
-def remove_stale_partials(folder: Path) -> None:
-    """Removes where possible what has a name of `partial_path`, of a process that ran on this machine and has ended."""
-    for path in folder.glob(".kitchen-suite.*"):
-        match = _PARTIAL.fullmatch(path.name)
-        if match and match["machine"] == _machine() and not _is_running(int(match["process"])):
-            with contextlib.suppress(OSError):
-                shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
-
-
-@functools.cache
-def _machine() -> str:
-    """Returns the name of the host and the number of its container, within which process numbers are unique."""
-    namespace = Path("/proc/self/ns/pid")
-    number = namespace.stat().st_ino if namespace.exists() else 0
-    return f"{socket.gethostname().replace('.', '-').replace('/', '-')}-{number}"
-
-
-def _is_running(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except OSError as error:
-        return not isinstance(error, ProcessLookupError)
-    return True
+    What a killed process leaves there is read by nothing, and may be removed.
+    """
+    return path.with_name(f".kitchen-suite.{secrets.token_hex(8)}.{path.name}")
 
 
 def check_destinations(paths: Mapping[str, Path], reserved: Iterable[Path] = ()) -> None:
@@ -368,36 +336,13 @@ def _plain(part: Any) -> Any:
 
 
 def parse_json(text: str | bytes, max_size: int = _MAX_JSON_BYTES) -> Any:
-    """Decodes JSON, in bytes of UTF-8.
-
-    Raises a ValueError if it is none, above `max_size`, deeper than 64 levels, or has a key twice in an object.
-    """
+    """Decodes JSON, in bytes of UTF-8; raises a ValueError if it is none, above `max_size`, or nested too deeply."""
     if len(text) > max_size:
         raise ValueError(f"larger than {max_size / 2**20:.0f} MiB")
-    deep = f"nested deeper than {_MAX_JSON_DEPTH} levels"
     try:
-        value = json.loads(text if isinstance(text, str) else text.decode("utf-8"), object_pairs_hook=_without_repeats)
+        return json.loads(text if isinstance(text, str) else text.decode("utf-8"))
     except RecursionError as error:
-        raise ValueError(deep) from error
-    if _is_deeper(value, _MAX_JSON_DEPTH):
-        raise ValueError(deep)
-    return value
-
-
-def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Returns the object of JSON with these pairs; a ValueError if a key is there twice, of which one would be lost."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        raise ValueError(f"the key {checks.shown(next(key for key in keys if keys.count(key) > 1))} is there twice")
-    return found
-
-
-def _is_deeper(value: Any, levels: int) -> bool:
-    if not isinstance(value, dict | list):
-        return False
-    inner = value.values() if isinstance(value, dict) else value
-    return levels == 0 or any(_is_deeper(each, levels - 1) for each in inner)
+        raise ValueError("nested too deeply") from error
 
 
 def parse(value: Any, kind: type[T], what: str) -> T:

@@ -1,7 +1,6 @@
-"""Files: what is removed, who may create one, and damaged contents."""
+"""Files: who may create one, and damaged contents."""
 
 import errno
-import functools
 import io
 import json
 import os
@@ -11,40 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.arrays import npy
-from helpers.episodes import left_behind
 
 from kitchen_suite import files
-
-
-def test_hidden_files_and_folders_of_the_user_stay(tmp_path):
-    theirs = [".2024.backup/precious", ".2023.notes", ".99999999999999999999.x", ".9999999.episode_000000.npz"]
-    # What another host, another container or a running process is writing.
-    running = files.partial_path(tmp_path / "episode_000001.npz")
-    elsewhere = running.name.replace(files._machine(), "elsewhere-4026531836").replace(str(os.getpid()), "9999999")
-    for name in (*theirs, running.name, elsewhere):
-        tmp_path.joinpath(name).parent.mkdir(exist_ok=True)
-        tmp_path.joinpath(name).write_text("x")
-    left_behind(tmp_path / "episode_000002.npz").write_text("x")
-    left_behind(tmp_path / "dataset").joinpath("data").mkdir(parents=True)
-    files.remove_stale_partials(tmp_path)
-    assert sorted(os.listdir(tmp_path)) == sorted(
-        [name.partition("/")[0] for name in theirs] + [running.name, elsewhere]
-    )
-    assert tmp_path.joinpath(theirs[0]).read_text() == "x"
-
-
-def test_unfinished_files_that_cannot_be_removed_stay(tmp_path, monkeypatch):
-    """As those of another user, or of a folder that another process removes at the same time."""
-    monkeypatch.setattr("shutil.rmtree", functools.partial(refuse, FileNotFoundError))
-    monkeypatch.setattr("pathlib.Path.unlink", functools.partial(refuse, PermissionError))
-    left_behind(tmp_path / "dataset").mkdir()
-    left_behind(tmp_path / "episode_000000.npz").write_text("x")
-    files.remove_stale_partials(tmp_path)
-    assert len(os.listdir(tmp_path)) == 2
-
-
-def refuse(error, *arguments, **options):
-    raise error
 
 
 def test_two_writers_of_one_file_never_share_a_temporary_path(tmp_path):
@@ -130,22 +97,12 @@ def test_broken_json_is_refused(tmp_path, text):
         files.load_json(tmp_path / "x.json", "a specification")
 
 
-DEEP = {
-    "65 arrays": "[" * 65 + "]" * 65,
-    "65 objects": '{"a":' * 65 + "0" + "}" * 65,
-    "more than Python can recurse into": "[" * 100_000 + "]" * 100_000,
-}
+DEEP = ["[" * 100_000 + "]" * 100_000, '{"a":' * 100_000 + "0" + "}" * 100_000]
 
 
-@pytest.mark.parametrize("text", [*DEEP.values(), " " * (2**24 + 1), b"\xff"], ids=[*DEEP, "large", "no UTF-8"])
+@pytest.mark.parametrize("text", [*DEEP, " " * (2**24 + 1), b"\xff"], ids=["arrays", "objects", "large", "no UTF-8"])
 def test_json_of_any_depth_and_size_is_refused_with_a_value_error(text):
     with pytest.raises(ValueError, match=r"^[^\n]{1,200}$"):
-        files.parse_json(text)
-
-
-@pytest.mark.parametrize("text", ['{"a": 1, "b": 2, "a": 3}', '[{"c": {"a": 1, "a": 1}}]'])
-def test_a_key_that_is_there_twice_is_refused(text):
-    with pytest.raises(ValueError, match="the key 'a' is there twice"):
         files.parse_json(text)
 
 
@@ -174,11 +131,6 @@ def test_a_number_that_json_cannot_hold_is_refused_by_its_name_and_nothing_is_wr
     with pytest.raises(ValueError, match=message):
         files.save_arrays(tmp_path / "a.npz", {}, record)
     assert not any(tmp_path.iterdir())
-
-
-def test_json_of_64_levels_is_read():
-    text = "[" * 64 + "]" * 64
-    assert json.dumps(files.parse_json(text)) == json.dumps(files.parse_json(text.encode())) == text
 
 
 def test_a_missing_file_is_named(tmp_path):
@@ -224,7 +176,6 @@ def make_folder(path, text="new", *, interrupt=False):
 
 
 def test_a_folder_is_made_as_a_whole_or_not_at_all(tmp_path):
-    left_behind(tmp_path / "made").mkdir()
     with pytest.raises(KeyboardInterrupt):
         make_folder(tmp_path / "made", interrupt=True)
     assert os.listdir(tmp_path) == []
@@ -247,7 +198,6 @@ def test_a_described_folder_is_created_once_and_resumed_by_the_same_description(
     with pytest.raises(FileNotFoundError, match="does not hold a notebook"):
         NOTES.load(folder)
     NOTES.create(folder, description)
-    left_behind(folder / "page_0").write_text("x")
     with pytest.raises(FileExistsError, match="holds a notebook already"):
         NOTES.create(folder, description)
     with pytest.raises(ValueError, match="a notebook with pages 3, not 4"):

@@ -2,6 +2,7 @@
 
 import ast
 import graphlib
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,13 +14,13 @@ ROOT = Path(__file__).resolve().parent.parent
 # Each package knows those after it. All know GROUND, which knows no other; RENDERING knows hardly more.
 ORDER = (
     "commands",
-    "lerobot",
     "doctor",
     "viewer",
     "adapters",
     "training",
     "evaluation",
     "datasets",
+    "lerobot",
     "episodes",
     "vector_env",
     "gymnasium_env",
@@ -43,6 +44,9 @@ ALIASES = {
     "__main__": ("commands",),
     "original": ("suite", "rendering"),
 }
+
+# Their tables name, by strings, what is in packages above them, and is imported when it is first used.
+TABLES = ("", "names", "domains")
 
 # Where a library may be imported.
 HOMES = {
@@ -81,8 +85,41 @@ def package(module):
     return module.partition(".")[0]
 
 
+# An entry point in a table, such as `torch.nn:Module`, or of a module alone, as `kitchen_suite.tasks:`.
+ENTRY_POINT = re.compile(r"([a-z_]\w*(?:\.\w+)*):(\w*(?:\.\w+)*)")
+TOPS = ("kitchen_suite", *HOMES)
+
+# What imports by a name; tests/test_doors.py has the modules that may do so by a name that is no literal.
+IMPORTERS = ("import_module", "__import__", "resolve_name")
+
+
+def literal_start(node):
+    """The text of a literal, or the one that an f-string begins with; empty for another expression."""
+    if isinstance(node, ast.JoinedStr):
+        node = node.values[0]
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+
+
+def named_by_strings(tree):
+    """Dotted names that a module imports by strings: in a call, or as entry points in a table, which another resolves.
+
+    All entry points of the suite and of the heavy libraries are taken for imports, wherever they stand.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in IMPORTERS:
+            yield literal_start(node.args[0]).replace(":", ".").rstrip(".")
+        elif (match := ENTRY_POINT.fullmatch(literal_start(node))) and match[1].partition(".")[0] in TOPS:
+            yield ".".join(filter(None, match.groups()))
+
+
 def imported_names(tree):
-    """Dotted names that a module imports, also inside functions."""
+    """Dotted names that a module imports, also inside functions and by strings."""
+    yield from named_by_strings(tree)
+    yield from stated_names(tree)
+
+
+def stated_names(tree):
+    """Dotted names in the import statements of a module, also inside functions."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -94,13 +131,13 @@ def imported_names(tree):
 def dependencies(module):
     """Modules of the suite that a module imports.
 
-    What the package itself names for type checkers alone is imported when it is first used.
+    What the package itself names, for type checkers and in its table, is imported when it is first used.
     """
     tree = MODULES[module]
     if not module:
         tree = ast.Module([node for node in tree.body if not isinstance(node, ast.If)], [])
     found = set()
-    for name in imported_names(tree):
+    for name in stated_names(tree) if package(module) in TABLES else imported_names(tree):
         top, _, inner = name.partition(".")
         if top == "kitchen_suite":
             while inner not in MODULES:
@@ -132,15 +169,41 @@ def test_no_modules_import_each_other_in_a_circle():
     assert list(graphlib.TopologicalSorter(graph).static_order())
 
 
+def homes(library, modules=MODULES):
+    """Packages that import a library."""
+    return {
+        package(module)
+        for module, tree in modules.items()
+        if any(name.partition(".")[0] == library for name in imported_names(tree))
+    }
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("library", HOMES)
 def test_a_heavy_library_stays_in_its_package(library):
-    homes = {
-        package(module)
-        for module, tree in MODULES.items()
-        if any(name.partition(".")[0] == library for name in imported_names(tree))
-    }
-    assert homes <= HOMES[library]
+    assert homes(library) <= HOMES[library]
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import importlib\ndef f():\n    return importlib.import_module('torch.nn')",
+        "import importlib\nname = 'nn'\nnn = importlib.import_module(f'torch.{name}')",
+        "torch = __import__('torch')",
+        "import pkgutil\nModule = pkgutil.resolve_name('torch.nn:Module')",
+        "LAZY = {'Module': 'torch.nn:Module'}",
+        "LAZY = ('torch:',)",
+    ],
+)
+def test_an_import_by_a_string_is_found(code):
+    assert homes("torch", {**MODULES, "tasks.hidden": ast.parse(code)}) - HOMES["torch"] == {"tasks"}
+
+
+@pytest.mark.parametrize("text", ["kitchen_suite.training.ppo:train", "kitchen_suite.training:"])
+def test_an_entry_point_in_a_package_above_is_found(text, monkeypatch):
+    monkeypatch.setitem(MODULES, "tasks.hidden", ast.parse(f"LAZY = {{'train': {text!r}}}"))
+    with pytest.raises(AssertionError):
+        test_a_module_imports_only_what_its_layer_may_know("tasks.hidden")
 
 
 @pytest.mark.full

@@ -42,11 +42,9 @@ def convert(
         path = folder / f"{dataset}{chosen.suffix}"
         if path.exists():
             raise FileExistsError(f"{path} exists already, and is never replaced: name another dataset")
-        with files.made_folder(path.parent):
-            files.remove_stale_partials(path.parent)
-            with contextlib.closing(source.spec.make_environment()) as environment:
-                episodes = (source.load_fitting(index, environment) for index in source.indices)
-                chosen.write(path, source.spec, episodes)
+        with files.made_folder(path.parent), contextlib.closing(source.spec.make_environment()) as environment:
+            episodes = (source.load_fitting(index, environment) for index in source.indices)
+            chosen.write(path, source.spec, episodes)
     return path
 
 

@@ -12,9 +12,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 from kitchen_suite import checks
-from kitchen_suite.datasets import d4rl, lerobot, minari, ogbench, robomimic
+from kitchen_suite.datasets import d4rl, minari, ogbench, robomimic
 from kitchen_suite.episodes.episode import Episode
 from kitchen_suite.episodes.spec import EpisodeSpec
+from kitchen_suite.lerobot import datasets as lerobot
+from kitchen_suite.lerobot.observations import OBS_TYPES
 
 _NAME = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)  # As the Hugging Face hub accepts names.
 
@@ -70,7 +72,7 @@ FORMATS: Mapping[str, Format] = MappingProxyType(
                 title="LeRobot",
                 write=lerobot.write,
                 folder=lerobot.folder,
-                obs_types=lerobot.OBS_TYPES,
+                obs_types=OBS_TYPES,
             ),
             Format(name="robomimic", title="robomimic", write=robomimic.write, suffix=".hdf5"),
             Format(name="ogbench", title="OGBench", write=ogbench.write, suffix=".npz"),

@@ -1,16 +1,15 @@
 """HDF5 files: the only module that opens them. Needs the extra `record`.
 
-A file of HDF5 can have its arrays in other files, in links, in itself, and compressed by libraries that are loaded from
-a folder of the machine; what is read here has none of these. Sizes are checked before contents.
+A file of HDF5 can have its arrays in other files, behind links, and compressed by libraries that are loaded from a
+folder of the machine; what is read here has none of these. Sizes are checked before contents.
 """
 
 import contextlib
 import errno
-import importlib
 import math
 import os
 import tempfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +21,6 @@ _CHUNK_ROWS, _CHUNK_BYTES = 1024, 2**18  # Most rows, and about the most bytes, 
 
 # Numbers of the filters that come with HDF5 and h5py: deflate, shuffle, Fletcher's checksum, nbit, scale-offset, LZF.
 _FILTERS = (1, 2, 3, 5, 6, 32000)
-
-_MAX_DEPTH = 16  # Groups in each other.
-_MAX_ITEMS = 10_000  # Of an episode.
 
 _NUMBER_BYTES = 8  # Of a number, once it is read as float64.
 
@@ -125,28 +121,23 @@ def read_arrays(path: Path, names: Collection[str]) -> dict[str, NDArray]:
 def check_group(path: Path, name: str) -> None:
     """Raises an OSError unless a file has a group of arrays, at its top, that another program can read safely."""
     with files.reading(path, "HDF5"), library().File(path, "r") as file:
-        datasets: list[Any] = []
-        _collect(file, name, datasets, set(), _MAX_DEPTH)
-        _check_size(datasets)
+        _check_size(_datasets(_checked(file, name)))
 
 
 def library() -> Any:
     """Returns h5py; raises an ImportError without it."""
-    return importlib.import_module("h5py")
+    import h5py
+
+    return h5py
 
 
-def _collect(group: Any, name: str, datasets: list[Any], visited: set[int], depth: int) -> None:
-    """Adds the checked datasets of an item of a group to a list."""
-    item = _checked(group, name)
-    address = library().h5o.get_info(item.id).addr
-    if address in visited or len(visited) >= _MAX_ITEMS or depth == 0:
-        raise ValueError(f"{name} is in itself, too deep, or in several places")
-    visited.add(address)
+def _datasets(item: Any) -> Iterator[Any]:
+    """Yields the checked datasets of a group, or a dataset itself; a RecursionError for a group that is in itself."""
     if isinstance(item, library().Dataset):
-        datasets.append(item)
-        return
-    for each in item:
-        _collect(item, each, datasets, visited, depth - 1)
+        yield item
+    else:
+        for name in item:
+            yield from _datasets(_checked(item, name))
 
 
 def _checked(group: Any, name: str) -> Any:
@@ -173,7 +164,7 @@ def _checked(group: Any, name: str) -> Any:
     return item
 
 
-def _check_size(datasets: Collection[Any]) -> None:
+def _check_size(datasets: Iterable[Any]) -> None:
     """Raises an OSError if datasets have more numbers together than can be read."""
     sizes = (math.prod(item.shape or ()) * max(item.dtype.itemsize, _NUMBER_BYTES) for item in datasets)
     files.check_size(sum(sizes), files.MAX_ARRAY_BYTES)

@@ -1,7 +1,6 @@
 """Recordings as Minari datasets, each written atomically. Needs the extra `record`."""
 
 import contextlib
-import importlib
 import itertools
 import os
 import re
@@ -193,9 +192,10 @@ def import_minari() -> Any:
     """Returns the module; raises an ImportError with the remedy."""
     try:
         hdf5.library()
-        return importlib.import_module("minari")
+        import minari
     except ImportError as error:
         raise ImportError(f"a dataset needs Minari ({error}): {installation.install_command('record')}") from error
+    return minari
 
 
 def check_id(dataset_id: str) -> None:
@@ -207,8 +207,10 @@ def check_id(dataset_id: str) -> None:
 
 
 def _is_id(dataset_id: str) -> bool:
+    from minari.dataset.minari_dataset import parse_dataset_id
+
     try:
-        importlib.import_module("minari.dataset.minari_dataset").parse_dataset_id(dataset_id)
+        parse_dataset_id(dataset_id)
     except (TypeError, ValueError):  # A missing version is a TypeError.
         return False
     return True
@@ -216,5 +218,7 @@ def _is_id(dataset_id: str) -> bool:
 
 def _datasets_root() -> Path:
     """Returns the folder of all local datasets."""
+    from minari.storage.datasets_root_dir import get_dataset_path
+
     # With a relative root, Minari looks for its files in the wrong folder.
-    return Path(importlib.import_module("minari.storage.datasets_root_dir").get_dataset_path()).absolute()
+    return Path(get_dataset_path()).absolute()

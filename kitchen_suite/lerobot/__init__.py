@@ -1,19 +1,24 @@
-"""The suite as environments of LeRobot, which imports this package where `lerobot_env_kitchen` is installed.
+"""The suite for LeRobot: its observations, environments and configs, and datasets of recordings.
 
-Otherwise `--env.discover_packages_path=kitchen_suite.lerobot` makes it do so. Importing this package registers a type
-of environment for each domain: `--env.type=kitchen`, `--env.type=open_cabinet`. Needs the extra `lerobot`.
+LeRobot finds the environments where `lerobot_env_kitchen` is installed, or by
+`--env.discover_packages_path=kitchen_suite.lerobot`: `--env.type=kitchen`, `--env.type=open_cabinet`. That registers
+them, as the names of this package do when they are first used; both need the extra `lerobot`.
 """
 
-from kitchen_suite import installation as _installation
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
 
-_installation.installed(("lerobot",), "kitchen_suite.lerobot", "lerobot")
-
-from kitchen_suite.lerobot.configs import SuiteEnvConfig as SuiteEnvConfig  # noqa: E402
-from kitchen_suite.lerobot.configs import make_env as make_env  # noqa: E402
-from kitchen_suite.lerobot.configs import register as register  # noqa: E402
-from kitchen_suite.suite import DOMAINS  # noqa: E402
+if _TYPE_CHECKING:
+    from kitchen_suite.lerobot.configs import SuiteEnvConfig as SuiteEnvConfig
+    from kitchen_suite.lerobot.configs import make_env as make_env
+    from kitchen_suite.lerobot.configs import register as register
 
 __all__ = ["SuiteEnvConfig", "make_env", "register"]
 
-for _domain in DOMAINS.values():
-    register(_domain)
+
+def __getattr__(name: str) -> _Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from kitchen_suite.lerobot import configs
+
+    return getattr(configs, name)

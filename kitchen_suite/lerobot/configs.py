@@ -1,17 +1,23 @@
-"""Configs of the suite's environments for LeRobot, one type for each domain."""
+"""Configs of the suite's environments for LeRobot; importing this module registers one type for each domain.
+
+Needs the extra `lerobot`.
+"""
 
 import dataclasses
 from typing import Any, ClassVar
 
-from lerobot.configs import FeatureType, PolicyFeature
-from lerobot.envs import EnvConfig
-
-from kitchen_suite import suite
-from kitchen_suite.adapters.lerobot_env import LeRobotVectorEnv, features_of, make_vector_env
+from kitchen_suite import installation, suite
 from kitchen_suite.closing import closed_on_error
-from kitchen_suite.datasets.lerobot import OBS_TYPES
 from kitchen_suite.domains.base import Domain
 from kitchen_suite.episodes.spec import EnvironmentSpec, merged_kwargs
+from kitchen_suite.lerobot.environments import LeRobotVectorEnv, features_of, make_vector_env
+from kitchen_suite.lerobot.observations import OBS_TYPES
+
+# Before its import, so that a missing one is named with what installs it.
+installation.installed(("lerobot",), "kitchen_suite.lerobot", "lerobot")
+
+from lerobot.configs import FeatureType, PolicyFeature  # noqa: E402
+from lerobot.envs import EnvConfig  # noqa: E402
 
 
 @dataclasses.dataclass
@@ -21,7 +27,7 @@ class SuiteEnvConfig(EnvConfig):
     Attributes:
       task: a task of the domain, or several, separated by commas, which are evaluated one after the other.
       fps: control steps per second, rounded down; set by the environment.
-      obs_type: one of `datasets.lerobot.OBS_TYPES`, such as `pixels_agent_pos`.
+      obs_type: one of `observations.OBS_TYPES`, such as `pixels_agent_pos`.
       physics: `exact` or `fast`; `exact` when None.
       control_mode: meaning of the action; the domain's own when None.
       cameras: names of the cameras whose pictures are observed; the domain's default when None.
@@ -119,3 +125,7 @@ def make_env(
         return cfg.create_envs(n_envs, use_async_envs)
     config = register(suite.find_domain("kitchen"))
     return config(task=cfg.task if cfg else None).create_envs(n_envs, use_async_envs)
+
+
+for _domain in suite.DOMAINS.values():
+    register(_domain)

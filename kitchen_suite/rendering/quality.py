@@ -64,7 +64,6 @@ def light_stl(stl: bytes) -> bytes:
     with contextlib.suppress(OSError):
         if path:
             path.parent.mkdir(parents=True, exist_ok=True)
-            files.remove_stale_partials(path.parent)
             files.save_arrays(path, {"stl": np.frombuffer(made, np.uint8)}, {"faces": _count_faces(made)})
     return made
 

@@ -46,7 +46,7 @@ class RunDescription:
         _RUN.create(folder, vars(self))
 
     def resume(self, folder: Path) -> None:
-        """Prepares the folder of an interrupted run: checks its description, removes incomplete files.
+        """Checks the description in the folder of an interrupted run.
 
         Raises:
           OSError: the folder cannot be written to, or holds no run.
@@ -57,8 +57,6 @@ class RunDescription:
         if found.data_sha256 not in (None, self.data_sha256):
             remedy = "pass the same demonstrations and their number, or the same initial policy, or name another folder"
             raise ValueError(f"{folder} holds a training run on other data: {remedy}")
-        for subfolder in folder.glob("seed_*"):
-            files.remove_stale_partials(subfolder)
 
     def entries(self) -> dict[str, Any]:
         """Returns it as JSON without the data; arguments of the task and hyperparameters are beside other entries."""

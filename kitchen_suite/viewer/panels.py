@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 
-from kitchen_suite import policies, suite
+from kitchen_suite import checks, policies, suite
 from kitchen_suite.policies import POLICIES
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 from kitchen_suite.viewer.live_episode import DEFAULT_POLICY, Choice
@@ -121,16 +121,21 @@ class TaskPanel:
     def choice(self) -> Choice:
         """Returns what has been chosen.
 
-        Arguments of the first choice are of its domain; another domain has its defaults.
+        Arguments of the first choice are of its domain; another domain has its defaults. Raises a ValueError for a
+        domain or policy that is not offered: names such as `module:callable` are code, and without a token a browser
+        may be another user's, from which viser takes any value.
         """
-        first = self._first
+        first, tasks = self._first, suite.TASKS_BY_DOMAIN
+        domain = checks.choice(self._domain.value, tasks, "domain")
+        task = checks.choice(self._task.value, tasks[domain], "task")
+        policy = checks.choice(self._policy.value, self._offered(domain, task), "policy")
         groups = [name for name, box in self._groups.items() if box.value]
         return dataclasses.replace(
             first,
-            domain_name=self._domain.value,
-            task_name=self._task.value,
-            policy=None if self._policy.value == NOBODY else self._policy.value,
-            task_kwargs=first.task_kwargs if self._domain.value == first.domain_name else {},
+            domain_name=domain,
+            task_name=task,
+            policy=None if policy == NOBODY else policy,
+            task_kwargs=first.task_kwargs if domain == first.domain_name else {},
             variations=groups or self._distributions,
             variation_split=self._split.value if groups else None,
         )
@@ -143,14 +148,18 @@ class TaskPanel:
 
     def _offer_policies(self) -> None:
         """Offers the policies that can act in the chosen task, and the one that was given with it."""
-        first, chosen, domain = self._first, self._policy.value, self._domain.value
-        if self._task.value not in suite.TASKS_BY_DOMAIN.get(domain, ()):
+        chosen, domain, task = self._policy.value, self._domain.value, self._task.value
+        if task not in suite.TASKS_BY_DOMAIN.get(domain, ()):
             return
-        task = domain, self._task.value
-        given = (first.policy,) if first.policy and (first.domain_name, first.task_name) == task else ()
-        offered = tuple(dict.fromkeys((*given, *self._nobody, *policies_for(*task))))
+        offered = self._offered(domain, task)
         self._policy.options = offered
         self._policy.value = chosen if chosen in offered else offered[0]
+
+    def _offered(self, domain_name: str, task_name: str) -> tuple[str, ...]:
+        first = self._first
+        is_first = (first.domain_name, first.task_name) == (domain_name, task_name)
+        given = (first.policy,) if first.policy and is_first else ()
+        return tuple(dict.fromkeys((*given, *self._nobody, *policies_for(domain_name, task_name))))
 
 
 @functools.cache

@@ -6,7 +6,6 @@ import logging
 import secrets
 import socket
 import urllib.parse
-import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -16,8 +15,6 @@ from kitchen_suite import installation
 installation.installed(("mjviser", "viser"), "kitchen_suite.viewer", "web")
 
 import viser  # noqa: E402
-
-from kitchen_suite.viewer import widgets  # noqa: E402
 
 HOST = "127.0.0.1"
 
@@ -53,12 +50,11 @@ def local_server(port: int, label: str, token: str = "") -> Iterator[viser.Viser
     `address_of(port, token)` are talked to, so that other users of the machine are refused as well.
     """
     _check_port(port)
-    with _running(_LocalServer, host=HOST, port=port, label=label) as server, _refusing_garbage():
+    with _running(_LocalServer, host=HOST, port=port, label=label) as server, _refusing_quietly():
         # viser takes the next free port.
         if server.get_port() != port:
             raise OSError(f"port {port} is in use: choose another one")
         _refuse_others(server, token)
-        widgets.refuse_other_values(server)
         server.gui.configure_theme(show_share_button=False, show_logo=False)
         yield server
 
@@ -106,18 +102,15 @@ def _refuse_others(server: viser.ViserServer, token: str) -> None:
 
 
 @contextlib.contextmanager
-def _refusing_garbage() -> Iterator[None]:
-    """Context in which a browser is disconnected, without a word, that sends what no page of viser's does."""
+def _refusing_quietly() -> Iterator[None]:
+    """Context in which a connection is refused without a traceback, which strangers could fill a terminal with."""
     log = logging.getLogger("websockets.server")
     level = log.level
-    with warnings.catch_warnings():
-        # viser would go on with arguments of another type, which raise errors later and elsewhere.
-        warnings.filterwarnings("error", r"\[viser\] .* does not match annotation")
-        log.setLevel(logging.CRITICAL)
-        try:
-            yield
-        finally:
-            log.setLevel(level)
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def is_local(hosts: Sequence[str], origins: Sequence[str]) -> bool:

@@ -5,10 +5,10 @@ import pytest
 from helpers.errors import refused
 from helpers.sweeps import brief_named
 
-from kitchen_suite.adapters.lerobot_env import LeRobotVectorEnv, features_of, make_vector_env
-from kitchen_suite.datasets.lerobot import LeRobotObservations, dataset_features
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.lerobot.environments import LeRobotVectorEnv, features_of, make_vector_env
+from kitchen_suite.lerobot.observations import LeRobotObservations, dataset_features
 
 STATES = {"obs_type": "environment_state_agent_pos"}
 PICTURES = {"obs_type": "pixels_agent_pos", "image_size": [24, 32], "render_quality": "fast"}

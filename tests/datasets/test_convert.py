@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from helpers.episodes import left_behind, load_episode
+from helpers.episodes import load_episode
 from helpers.human_files import write_d4rl
 from minari.dataset.minari_dataset import MinariDataset
 
@@ -181,15 +181,6 @@ def test_an_interrupt_leaves_nothing(make, run, monkeypatch):
     message = "kitchen-convert: interrupted\n"
     assert (status, error) == (130, message)
     assert not os.path.exists("data")
-
-
-@pytest.mark.full
-def test_what_a_killed_process_has_left_is_removed(make, run):
-    make()
-    Path("data/me").mkdir(parents=True)
-    left_behind(Path("data/me/set.hdf5").absolute()).write_bytes(b"half")
-    assert run(convert, *to_dataset("d4rl"))[0] == 0
-    assert os.listdir("data/me") == ["set.hdf5"]
 
 
 @pytest.mark.full

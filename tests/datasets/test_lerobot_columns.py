@@ -11,15 +11,10 @@ import pytest
 from helpers.episodes import rollout_of
 
 from kitchen_suite.commands import convert, record
-from kitchen_suite.datasets.lerobot import (
-    LeRobotObservations,
-    dataset_features,
-    digest,
-    home,
-    write,
-)
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.lerobot.datasets import digest, home, write
+from kitchen_suite.lerobot.observations import LeRobotObservations, dataset_features
 from kitchen_suite.policies import PolicyRef
 
 SPEC = EnvironmentSpec.make(
@@ -130,7 +125,7 @@ def test_every_episode_is_given_to_lerobot(played, tmp_path, monkeypatch):
     for name in ("is_progress_bar_enabled", "disable_progress_bars", "enable_progress_bars"):
         setattr(datasets, name, lambda: False)
     monkeypatch.setitem(sys.modules, "datasets", datasets)
-    monkeypatch.setattr("kitchen_suite.datasets.lerobot.import_lerobot", lambda: library)
+    monkeypatch.setattr("kitchen_suite.lerobot.datasets.import_lerobot", lambda: library)
     episodes = [dataclasses.replace(episode, index=index, seed=7 + index) for index in (0, 2)]
     write(tmp_path / "me" / "set", SPEC, episodes)
     dataset = StandIn.made.pop()

@@ -14,7 +14,7 @@ import dm_env
 import gymnasium
 import numpy as np
 import pytest
-from helpers.episodes import assert_same_arrays, left_behind
+from helpers.episodes import assert_same_arrays
 from helpers.episodes import load_episode as load
 from helpers.processes import open_process
 from helpers.sweeps import brief
@@ -218,13 +218,14 @@ def test_an_interrupt_keeps_the_finished_episodes_and_the_same_command_completes
     tmp_path.joinpath("stop").unlink()
     assert run(*command, "--num_episodes=3")[0] == 0
     kept = load_all("runs")
-    # A file left by a killed process.
-    left_behind(tmp_path / "runs" / "episode_000004.npz").touch()
+    # A file that a killed process has left is neither read nor in the way.
+    left = files.partial_path(tmp_path / "runs" / "episode_000004.npz")
+    left.touch()
     status, out, _ = run(*command)
     assert status == 0
     assert "5 episodes in runs, 3 of them there already\n" in out
     assert "\nepisodes              5\n" in out
-    assert sorted(os.listdir("runs")) == [*names(*range(5)), "recording.json"]
+    assert sorted(os.listdir("runs")) == [left.name, *names(*range(5)), "recording.json"]
     assert {name: load(f"runs/{name}")[0]["seconds"] for name in kept} == {
         name: about["seconds"] for name, (about, _) in kept.items()
     }

@@ -3,7 +3,6 @@
 import collections
 import contextlib
 import json
-import os
 import resource
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from kitchen_suite import experts, files, policies
+from kitchen_suite import experts, policies
 from kitchen_suite.episodes.play import SingleRollout, play_many
 from kitchen_suite.policies import PolicyRef
 
@@ -78,13 +77,6 @@ def nested(arrays: Mapping[str, np.ndarray], name: str, row: int) -> Any:
         return arrays[name][row]
     keys = dict.fromkeys(path.split("/")[name.count("/") + 1] for path in arrays if path.startswith(f"{name}/"))
     return {key: nested(arrays, f"{name}/{key}", row) for key in keys}
-
-
-def left_behind(path: Path) -> Path:
-    """Returns the temporary path for a file or folder of a process on this machine that has been killed."""
-    partial = files.partial_path(path)
-    # Greater than Linux's maximum of process numbers.
-    return partial.with_name(partial.name.replace(f".{os.getpid()}.", ".9999999."))
 
 
 @contextlib.contextmanager

@@ -43,12 +43,8 @@ class Browser:
 
     def set(self, label, value):
         """Sets a widget, or clicks a button."""
-        self.update(label, {"value": value})
-
-    def update(self, label, updates):
-        """Sends new values of attributes of a widget, as no page of viser's does for others than `value`."""
         self.wait(lambda: label in self.widgets)
-        self.send({"type": "GuiUpdateMessage", "uuid": self.widgets[label], "updates": updates})
+        self.send({"type": "GuiUpdateMessage", "uuid": self.widgets[label], "updates": {"value": value}})
 
     def click(self, label):
         """Clicks a button."""

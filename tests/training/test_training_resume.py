@@ -9,7 +9,6 @@ import threading
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from helpers.episodes import left_behind
 from helpers.training import BATCH, METADATA, SMALL, assert_same_state, environments, learner
 
 from kitchen_suite.policies.trained import TrainedPolicy
@@ -208,26 +207,6 @@ def test_every_kept_checkpoint_is_readable(make_run, tmp_path):
         assert checkpoints.load_last(tmp_path).steps == int(path.stem.removeprefix("checkpoint_"))
         path.unlink()
     assert checkpoints.load_last(tmp_path) is None
-
-
-def test_incomplete_files_of_a_killed_run_are_removed(tmp_path):
-    DESCRIPTION.create(tmp_path)
-    incomplete = left_behind(tmp_path / "seed_0" / "checkpoint_000000000064.pt")
-    incomplete.parent.mkdir()
-    incomplete.write_bytes(b"half")
-    DESCRIPTION.resume(tmp_path)
-    assert not incomplete.exists()
-
-
-def test_hidden_files_of_the_user_survive_resuming(tmp_path):
-    DESCRIPTION.create(tmp_path)
-    notes, backup = tmp_path / ".2023.notes", tmp_path / "seed_0" / ".2024.backup"
-    backup.mkdir(parents=True)
-    for path in (notes, backup / "precious"):
-        path.write_text("mine")
-    DESCRIPTION.resume(tmp_path)
-    assert notes.exists()
-    assert (backup / "precious").exists()
 
 
 def test_two_runs_started_together_in_one_folder_are_not_both_let_in(tmp_path):

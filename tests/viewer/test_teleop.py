@@ -378,47 +378,6 @@ def test_time_stands_still_when_the_browser_is_gone_that_controls(viewer, port):
         other.wait(lambda: other.number("control step") > steps)
 
 
-GARBAGE = (
-    b"",
-    b"\xff" * 50,
-    b"\x81\xa4type\xa4Evil",
-    {"type": "GuiUpdateMessage", "uuid": "none", "updates": {"value": 1}},
-    {"type": "CommandTriggerMessage", "uuid": 7},
-    {"type": "TransformControlsUpdateMessage", "name": "/hand/arrows", "wxyz": ["a"], "position": {}, "owner": ""},
-    {
-        "type": "TransformControlsUpdateMessage",
-        "name": "/nothing",
-        "wxyz": [1, 0, 0, 0],
-        "position": [0, 0, 0],
-        "owner": 3,
-    },
-)
-
-
-@pytest.mark.web
-def test_garbage_breaks_nothing(viewer, port):
-    with browsing(port) as good:
-        good.press("Up")
-        for garbage in GARBAGE:
-            with contextlib.closing(Browser(port)) as bad, contextlib.suppress(Exception):
-                bad._socket.send(garbage) if isinstance(garbage, bytes) else bad.send(garbage)
-                bad.read(0.2)
-        # From the browser that controls, in the right form.
-        for position in ([np.nan] * 3, [np.inf, 0.0, 0.0], [1e300] * 3):
-            good.move([float(value) for value in position])
-        good.move([-0.3, 0.3, 2.2], wxyz=(0.0, 0.0, 0.0, 0.0))
-        for label, value in {"Nudge": "huge", "Speed": "light", "Camera": "moon", "Seed": "x", "Run": []}.items():
-            good.set(label, value)
-        good.update("Speed", {"options": ["light"], "update_cb": []})
-        steps = good.number("control step")
-        good.press("Up")
-        good.wait(lambda: good.number("control step") > steps + 3)
-        assert "Error" not in good.report()
-    assert viewer.poll() is None
-    viewer.kill()
-    assert viewer.stderr.read() == ""
-
-
 def keep_moving(browser, seconds):
     """Moves the hand up and down for some time."""
     end = time.monotonic() + seconds

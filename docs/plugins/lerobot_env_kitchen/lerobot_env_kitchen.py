@@ -1,3 +1,3 @@
 """Registers the environments of Kitchen Suite with LeRobot, which imports this module by its name."""
 
-import kitchen_suite.lerobot  # noqa: F401
+import kitchen_suite.lerobot.configs  # noqa: F401

@@ -13,10 +13,10 @@ from vla_eval.specs import IMAGE_RGB, LANGUAGE, DimSpec
 from vla_eval.types import Action, EpisodeResult, Observation, Task
 
 from kitchen_suite import checks, suite
-from kitchen_suite.datasets.lerobot import AGENT_POS, ENVIRONMENT_STATE, OBS_TYPES, PIXELS, LeRobotObservations
 from kitchen_suite.episodes.spec import EnvironmentSpec, reset_to_seed
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_unprepared_plan
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
+from kitchen_suite.lerobot.observations import AGENT_POS, ENVIRONMENT_STATE, OBS_TYPES, PIXELS, LeRobotObservations
 from kitchen_suite.policies import PolicyRef
 
 # Key of what policies of the suite act on, and name of the argument that adds it.

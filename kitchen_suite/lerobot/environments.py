@@ -1,6 +1,6 @@
 """The vectorised environments with the observations and attributes that LeRobot reads; needs no LeRobot.
 
-`kitchen_suite.lerobot` registers them with LeRobot.
+`configs` registers them with LeRobot.
 """
 
 import contextlib
@@ -16,9 +16,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.closing import closed_on_error
-from kitchen_suite.datasets.lerobot import Feature, LeRobotObservations, frames_per_second
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.lerobot.observations import Feature, LeRobotObservations, frames_per_second
 from kitchen_suite.vector_env import arguments as vector_arguments
 from kitchen_suite.vector_env.base import StepResult, SuiteVectorEnv
 
@@ -35,7 +35,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
     """
 
     def __init__(self, environments: SuiteVectorEnv) -> None:
-        """Adapts environments of autoreset mode `SameStep` and an observation type of `datasets.lerobot.OBS_TYPES`."""
+        """Adapts environments of autoreset mode `SameStep` and an observation type of `observations.OBS_TYPES`."""
         vector_arguments.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
         self.environments, self.num_envs = environments, environments.num_envs
         self._observations = LeRobotObservations(environments.template_env)
