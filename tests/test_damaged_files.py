@@ -38,7 +38,8 @@ from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, Eva
 from kitchen_suite.evaluation.receipts import Receipt, Trace, sealed
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
+from kitchen_suite.policies.files import shipped_as
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.tasks.kitchen.observation import SIZE as STATE_SIZE
 from kitchen_suite.training import run_folder
 
@@ -201,7 +202,7 @@ class Policies(Kind):
     def __init__(self, folder):
         self.path = folder / "policy.npz"
         shutil.copy(shipped_as("top_drawer"), self.path)
-        self.policy = TrainedPolicy.load(self.path)
+        self.policy = PerceptronPolicy.load(self.path)
 
     @property
     def paths(self):
@@ -214,7 +215,7 @@ class Policies(Kind):
         np.savez_compressed(path, **arrays, **({} if "metadata" in arrays else {"metadata": json.dumps(metadata)}))
 
     def read(self, is_edit):
-        policy = TrainedPolicy.load(self.path)
+        policy = PerceptronPolicy.load(self.path)
         action = policy(np.linspace(-1, 1, policy.observation_size))
         assert np.isfinite(action).all()
         if not is_edit:

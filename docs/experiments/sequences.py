@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from training import LITTLE_AJAR, ONE_NETWORK
 
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
-from kitchen_suite.policies.trained import SHIPPED
+from kitchen_suite.policies.files import SHIPPED
 from kitchen_suite.tasks import DEFAULT_TASKS
 
 RESULTS = Path(__file__).parent / "results" / "sequences"

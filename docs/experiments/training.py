@@ -26,7 +26,8 @@ from typing import Any
 
 from kitchen_suite import suite
 from kitchen_suite.episodes.spec import EnvironmentSpec
-from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
+from kitchen_suite.policies.files import SHIPPED
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 
 RESULTS = Path(__file__).parent / "results" / "training.json"
@@ -132,7 +133,7 @@ def successes(policy_file: Path, asked: Sequence[str]) -> list[int]:
     from kitchen_suite.training.ppo import NetworkController
     from kitchen_suite.training.run import evaluate
 
-    policy = TrainedPolicy.load(policy_file)
+    policy = PerceptronPolicy.load(policy_file)
     spec = EnvironmentSpec.make(**{name: policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs")})
     environments = spec.make_vector_env(EPISODES, None, **spec.env_class.flat_options)
     counts = []

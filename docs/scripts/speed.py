@@ -21,7 +21,7 @@ from tabulate import tabulate
 import kitchen_suite
 from kitchen_suite import policies, suite
 from kitchen_suite.policies import load_policy
-from kitchen_suite.policies.trained import SHIPPED
+from kitchen_suite.policies.files import SHIPPED
 
 ACTIONS = 2_000
 

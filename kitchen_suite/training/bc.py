@@ -20,7 +20,7 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from kitchen_suite.episodes.play import Controller, PolicyController
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies.imitated import ClonedPolicy
+from kitchen_suite.policies.chunks import ChunkPolicy
 from kitchen_suite.policies.networks import CLIP, Scales
 from kitchen_suite.training.demonstrations import Demonstrations, check_observed, load_demonstrations
 from kitchen_suite.training.export import picture_encoder, residual_network
@@ -196,16 +196,16 @@ class BCLearner(Learner):
         self.steps += 1
         return loss.item()
 
-    def export(self, metadata: Mapping[str, Any]) -> ClonedPolicy:
-        acting = {"algorithm": ClonedPolicy.algorithm, "chunk": self._config.chunk, "executed": self._config.executed}
-        return ClonedPolicy(
+    def export(self, metadata: Mapping[str, Any]) -> ChunkPolicy:
+        acting = {"algorithm": ChunkPolicy.algorithm, "chunk": self._config.chunk, "executed": self._config.executed}
+        return ChunkPolicy(
             scales=self._scales,
             network=residual_network(self.averaged.network),
             encoders=tuple(picture_encoder(encoder) for encoder in self.averaged.encoders),
             metadata={**metadata, **acting, **self._metadata},
         )
 
-    def controller(self, policy: ClonedPolicy, environments: SuiteVectorEnv) -> Controller:
+    def controller(self, policy: ChunkPolicy, environments: SuiteVectorEnv) -> Controller:
         return PolicyController(environments, lambda environment, _: policy.episode(environment.task))
 
 
@@ -298,7 +298,7 @@ class BCTraining:
 
 
 def _extras(spec: EnvironmentSpec) -> dict[str, Any]:
-    """Returns the metadata of a policy on the extra observables of environments; see `ClonedMetadata`."""
+    """Returns the metadata of a policy on the extra observables of environments; see `ChunkMetadata`."""
     arguments = {name: value for name, value in spec.task_kwargs.items() if name != "variations"}
     with dataclasses.replace(spec, task_kwargs=arguments).make_environment() as environment:
         environment.reset(seed=0)

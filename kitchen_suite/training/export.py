@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 
 from kitchen_suite.policies import networks
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 
 
 def perceptron(
@@ -19,10 +19,10 @@ def perceptron(
     clip: float,
     action_scale: torch.Tensor,
     metadata: Mapping[str, Any],
-) -> TrainedPolicy:
+) -> PerceptronPolicy:
     """Returns the policy of a multilayer perceptron on standardised observations; see the attributes of the policy."""
     layers = linear_layers(network)
-    return TrainedPolicy(
+    return PerceptronPolicy(
         mean=array(mean),
         deviation=array(deviation),
         clip=clip,

@@ -28,7 +28,7 @@ from kitchen_suite.closing import closed_on_error
 from kitchen_suite.episodes.play import BatchStep, Controller
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.policies.networks import CLIP
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.tasks.requests import Requests
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint
@@ -385,7 +385,7 @@ class Actor:
         return means + self._policy.log_deviation.exp() * noise
 
 
-def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
+def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> PerceptronPolicy:
     """Returns the agent's present policy, with averaged weights and without exploration, as numpy arrays."""
     scaler = agent.observation_scaler
     policy = cast(GaussianPolicy, agent.average.module)
@@ -394,7 +394,7 @@ def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
 
 
 @torch.no_grad()
-def adopt_policy(agent: Agent, policy: TrainedPolicy) -> None:
+def adopt_policy(agent: Agent, policy: PerceptronPolicy) -> None:
     """Sets an agent's network to a trained policy's, and fixes its standardisation; values stay untrained."""
     own = export_policy(agent, {})
     if policy.layers != own.layers:
@@ -497,7 +497,7 @@ class NetworkController:
 
     labels: Mapping[str, NDArray] = MappingProxyType({})
 
-    def __init__(self, policy: TrainedPolicy, environments: SuiteVectorEnv) -> None:
+    def __init__(self, policy: PerceptronPolicy, environments: SuiteVectorEnv) -> None:
         """Takes a policy and the environments that it acts in."""
         self._policy = policy
         self._flatten = environments.composer_task.policy_inputs.flatten
@@ -548,7 +548,7 @@ class PPOLearner(Learner):
         self._standardised = True
         self.warmup_batches = self.config.value_batches
 
-    def adopt(self, policy: TrainedPolicy) -> None:
+    def adopt(self, policy: PerceptronPolicy) -> None:
         """Starts from a trained policy; the next `value_batches` batches train the value network alone."""
         adopt_policy(self.agent, policy)
         self._standardised = True
@@ -579,10 +579,10 @@ class PPOLearner(Learner):
                 self.agent.observation_scaler.update(self._observations)
         self._standardised = True
 
-    def export(self, metadata: Mapping[str, Any]) -> TrainedPolicy:
+    def export(self, metadata: Mapping[str, Any]) -> PerceptronPolicy:
         return export_policy(self.agent, metadata)
 
-    def controller(self, policy: TrainedPolicy, environments: SuiteVectorEnv) -> Controller:
+    def controller(self, policy: PerceptronPolicy, environments: SuiteVectorEnv) -> Controller:
         return NetworkController(policy, environments)
 
     def load_state(self, checkpoint: Checkpoint) -> None:
@@ -780,9 +780,9 @@ def _training_kwargs(spec: EnvironmentSpec, changes: Mapping[str, Any], *, clone
     return arguments
 
 
-def _load_initial_policy(path: Path, spec: EnvironmentSpec) -> TrainedPolicy:
-    """Returns the policy to start from; raises as `TrainedPolicy.load`, and as `check_same`."""
-    policy = TrainedPolicy.load(path)
+def _load_initial_policy(path: Path, spec: EnvironmentSpec) -> PerceptronPolicy:
+    """Returns the policy to start from; raises as `PerceptronPolicy.load`, and as `check_same`."""
+    policy = PerceptronPolicy.load(path)
     domain, task, arguments = (policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs"))
     if domain != spec.domain_name:
         raise ValueError(f"{path} is a policy of the domain {domain}, not of {spec.domain_name}")

@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from kitchen_suite import checks, files
 from kitchen_suite.episodes.play import Controller, VectorRollout
-from kitchen_suite.policies.stored import StoredPolicy
+from kitchen_suite.policies.files import StoredPolicy
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.training import checkpoints
 from kitchen_suite.training.checkpoints import Checkpoint, check_modules

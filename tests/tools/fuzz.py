@@ -45,7 +45,7 @@ from kitchen_suite.evaluation.receipts import Receipt, sealed
 from kitchen_suite.evaluation.verify import checked_plan
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import load_policy
-from kitchen_suite.policies.trained import shipped_as
+from kitchen_suite.policies.files import shipped_as
 from kitchen_suite.tasks.generated_kitchens import certificates
 
 ROOT = Path(__file__).resolve().parents[2]

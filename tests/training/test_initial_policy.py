@@ -8,7 +8,7 @@ from helpers.errors import refused
 from helpers.training import METADATA, SMALL, environments, learner
 
 from kitchen_suite.commands import train
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 
 pytestmark = pytest.mark.clients
 
@@ -71,7 +71,7 @@ def test_a_run_evaluates_the_initial_policy_first(policy, tmp_path, capsys):
     assert train.main(arguments) == 0
     assert "seed 5: all steps were made" in capsys.readouterr().out
     # The only batch trains the values alone, so the policy is still the initial one.
-    trained, observations = TrainedPolicy.load(tmp_path / "run" / "policy.npz"), np.ones((1, 25))
+    trained, observations = PerceptronPolicy.load(tmp_path / "run" / "policy.npz"), np.ones((1, 25))
     np.testing.assert_allclose(trained(observations), policy(observations), rtol=1e-4, atol=1e-6)
     without = [each for each in arguments if "initial_policy" not in each]
     assert train.main([*without, "--resume"]) == 2

@@ -244,7 +244,7 @@ def test_goals_recorded_by_task_are_flattened_in_the_order_of_flat_goals(tmp_pat
 
 
 def test_without_steps_a_run_clones_evaluates_once_and_writes_the_policy(tmp_path, capsys):
-    from kitchen_suite.policies.trained import TrainedPolicy
+    from kitchen_suite.policies.perceptron import PerceptronPolicy
 
     record_kitchen(tmp_path / "episodes", {})
     scale = json.dumps({**SMALL, "action_scale": [0.1] * 9, "clone_epochs": 3})
@@ -257,7 +257,7 @@ def test_without_steps_a_run_clones_evaluates_once_and_writes_the_policy(tmp_pat
     assert "seed 0: all steps were made" in out
     assert err == ""
     assert [path.name for path in tmp_path.glob("run/seed_0/checkpoint_*")] == ["checkpoint_000000000000.pt"]
-    policy = TrainedPolicy.load(tmp_path / "run" / "policy.npz")
+    policy = PerceptronPolicy.load(tmp_path / "run" / "policy.npz")
     assert policy.metadata["training"]["steps"] == 0
     # It has been cloned: the recorded actions are zero, and the standardisation is that of the demonstrations.
     assert policy.mean.any()

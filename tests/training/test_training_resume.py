@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from helpers.episodes import left_behind
 from helpers.training import BATCH, METADATA, SMALL, assert_same_state, environments, learner
 
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.tasks.open_cabinet import rewards as drawer_reward
 from kitchen_suite.training.recipes import Schedule
 from kitchen_suite.training.run_folder import RunDescription
@@ -195,7 +195,7 @@ def test_the_best_policy_survives_an_interrupt(make_run, tmp_path, monkeypatch):
     trained(make_run(4))
     again, _ = trained(make_run(6))
     assert again.best == (0.0, 3.0)
-    assert TrainedPolicy.load(tmp_path / "policy.npz").metadata["training"]["steps"] == 2 * BATCH
+    assert PerceptronPolicy.load(tmp_path / "policy.npz").metadata["training"]["steps"] == 2 * BATCH
 
 
 def test_every_kept_checkpoint_is_readable(make_run, tmp_path):

@@ -16,8 +16,8 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
+from kitchen_suite.policies.files import EpisodePolicy, StoredPolicy
 from kitchen_suite.policies.networks import PictureEncoder, ResidualNetwork, Scales
-from kitchen_suite.policies.stored import EpisodePolicy, StoredPolicy
 
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
@@ -27,8 +27,8 @@ _Count = Annotated[int, Meta(ge=1)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ClonedMetadata:
-    """The metadata of a `ClonedPolicy` on its inputs and chunks.
+class ChunkMetadata:
+    """The metadata of a `ChunkPolicy` on its inputs and chunks.
 
     Attributes:
       chunk: number of actions that are predicted at once.
@@ -67,7 +67,7 @@ class ClonedMetadata:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
-class ClonedPolicy(StoredPolicy):
+class ChunkPolicy(StoredPolicy):
     """A network that predicts chunks of actions.
 
     Attributes:
@@ -75,7 +75,7 @@ class ClonedPolicy(StoredPolicy):
       network: from standardised inputs and features of pictures to the standardised actions of a chunk.
       encoders: of the pictures of its cameras, whose features are the last inputs of the network.
       metadata: JSON-compatible; beside what every stored policy has, `algorithm` and the attributes of
-        `ClonedMetadata`. The last elements of the state are of extra observables.
+        `ChunkMetadata`. The last elements of the state are of extra observables.
     """
 
     algorithm = "bc"
@@ -101,9 +101,9 @@ class ClonedPolicy(StoredPolicy):
             raise ValueError(f"the network maps {found[0]} values to {found[1]}, not {expected[0]} to {expected[1]}")
 
     @functools.cached_property
-    def given(self) -> ClonedMetadata:
+    def given(self) -> ChunkMetadata:
         """The entries of the metadata on inputs and chunks; raises a ValueError for others than these may be."""
-        return files.parse(self.metadata, ClonedMetadata, "metadata")
+        return files.parse(self.metadata, ChunkMetadata, "metadata")
 
     def missing_observables(self, task: "SuiteTask") -> list[str]:
         known = {*task.extra_slices, *(() if task.variations.layout else self.given.layout)}
@@ -188,7 +188,7 @@ class ClonedPolicy(StoredPolicy):
             raise ValueError(f"missing arrays {missing}")
         scales = Scales.take(arrays)
         network = ResidualNetwork.take(arrays, "network")
-        count = len(files.parse(metadata, ClonedMetadata, "metadata").cameras)
+        count = len(files.parse(metadata, ChunkMetadata, "metadata").cameras)
         encoders = tuple(PictureEncoder.take(arrays, f"encoders.{number}") for number in range(count))
         if arrays:
             raise ValueError(f"unknown arrays {sorted(arrays)}")
