@@ -13,7 +13,7 @@ LIBRARIES = {
     "h5py": {"datasets.hdf5"},
     "websockets": {"policies.remote"},
     "msgpack": {"policies.remote"},
-    "zipfile": {"files", "evaluation.receipts", "training.checkpoints"},
+    "zipfile": {"files", "evaluation.receipts"},
     "numpy.lib": {"files"},
     # Its names of hosts and bound ports; no data are read by it.
     "socket": {"files", "episodes.cluster", "viewer.servers"},
@@ -29,7 +29,7 @@ LIBRARIES["urllib.request"] = {"checks"}
 
 # Modules that may call a function, by the end of its name.
 CALLS = {
-    "torch.load": {"training.checkpoints"},
+    "torch.load": {"training.run"},
     "np.load": set(),
     "np.fromfile": set(),
     "np.memmap": set(),

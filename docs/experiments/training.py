@@ -110,18 +110,18 @@ def command(run: Run, folder: Path) -> list[str]:
 
 def measure(run: Run, folder: Path) -> dict[str, Any]:
     """Returns the row of a run that has ended."""
-    from kitchen_suite.training import checkpoints
+    from kitchen_suite.training.run import load_checkpoint
 
     task, seed = run
     output = folder / f"{task}_{seed}"
-    last = checkpoints.load_last(output / f"seed_{seed}")
+    last = load_checkpoint(output / f"seed_{seed}")
     assert last
     return {
         "task": task,
         "seed": seed,
-        "steps": last.steps,
-        "minutes": last.seconds / 60,
-        "processor_minutes": last.processor_seconds / 60,
+        "steps": last["steps"],
+        "minutes": last["seconds"] / 60,
+        "processor_minutes": last["processor_seconds"] / 60,
         "processors": len(os.sched_getaffinity(0)),
         "episodes": EPISODES,
         "success": successes(output / "policy.npz", TASKS_ASKED.get(task, ("",))),

@@ -70,6 +70,10 @@ class PerceptronPolicy(StoredPolicy):
     def action_size(self) -> int:
         return self.action_scale.size
 
+    def inputs(self, observation: NDArray | Mapping[str, Any], task: "SuiteTask") -> NDArray:
+        """Returns the inputs `(..., m)`, given observations of a task as `PolicyInputs.flatten`."""
+        return task.policy_inputs.flatten(observation)
+
     def __call__(self, observations: NDArray) -> NDArray[np.float32]:
         """Returns the actions `(..., k)` for observations `(..., m)`, without exploration noise."""
         values = ((observations - self.mean) / self.deviation).astype(np.float32)
@@ -108,5 +112,4 @@ class PerceptronPolicy(StoredPolicy):
         self._check_sizes_and_mode(task, observed=self.observation_size, expected=task.policy_inputs.size)
 
     def _acting(self, task: "SuiteTask") -> EpisodePolicy:
-        flatten = task.policy_inputs.flatten
-        return lambda timestep: self(flatten(timestep.observation).ravel())
+        return lambda timestep: self(self.inputs(timestep.observation, task).ravel())

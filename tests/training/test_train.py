@@ -265,26 +265,17 @@ def test_a_finished_run_stays_as_it_is(run):
 
 
 @clients
-def test_a_truncated_checkpoint_is_reported_and_the_one_before_used(run):
+def test_a_truncated_checkpoint_is_reported_in_one_line_and_without_it_the_one_before_used(run):
     run()
     path = f"run/seed_0/{checkpoint(6)}"
     os.truncate(path, os.path.getsize(path) // 2)
-    status, out, _ = run("--resume")
-    assert status == 0
-    assert re.search(rf"^{path} does not hold a checkpoint \(.+\); trying the checkpoint before it$", out, re.M)
-    assert rows(out) == [(0, 6 * BATCH)]
-
-
-@clients
-@pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
-def test_unreadable_checkpoints_are_reported_in_one_line(run, share):
-    run()
-    for batches in (2, 4, 6):
-        path = f"run/seed_0/{checkpoint(batches)}"
-        os.truncate(path, int(share * os.path.getsize(path)))
     status, _, err = run("--resume")
     assert (status, err.count("\n")) == (1, 1)
-    assert err.startswith("kitchen-train: none of the 3 checkpoints in run/seed_0 can be read: ")
+    assert err.startswith(f"kitchen-train: {path} does not hold a checkpoint")
+    os.remove(path)
+    status, out, _ = run("--resume")
+    assert status == 0
+    assert rows(out) == [(0, 6 * BATCH)]
 
 
 @pytest.fixture
@@ -369,7 +360,6 @@ BAD = {
     '--hyperparameters={"num_envs": 1000000000000}': ["num_envs", "65536"],
     "--initial_policy=nowhere.npz": ["nowhere.npz"],
     f"--initial_policy={SHIPPED / 'kettle.npz'}": ["open_cabinet"],
-    f"--initial_policy={SHIPPED / 'top_drawer.npz'}": ["the policy has layers"],
     "--demonstrations=nowhere": ["there is no recording in nowhere"],
     "--num_steps=0": ["demonstrations"],
 }

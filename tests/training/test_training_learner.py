@@ -357,8 +357,7 @@ def test_a_truncated_episode_is_worth_the_value_of_its_last_observation():
 def test_a_learner_finds_the_action_that_is_rewarded():
     import torch
 
-    from kitchen_suite.training.ppo import Actor, Agent, Batch
-    from kitchen_suite.training.recipes import PPOHyperparameters
+    from kitchen_suite.training.ppo import Actor, Agent, Batch, PPOHyperparameters
 
     torch.manual_seed(0)
     config = PPOHyperparameters(
