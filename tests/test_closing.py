@@ -154,18 +154,20 @@ def test_a_recording_that_cannot_be_replayed_leaves_no_environment_open(open_env
 
 @pytest.mark.clients
 def test_a_training_whose_demonstrations_cannot_be_read_closes_its_environments(open_environments, tmp_path):
-    from kitchen_suite.training.ppo import PPOTraining
+    from kitchen_suite.training import ppo, recipes
 
     spec = EnvironmentSpec.make("microwave_table", "open", {})
+    schedule = recipes.find_schedule("microwave_table", "ppo")
+    changes = {"hyperparameters": {"num_envs": 2}, "demonstrations": [tmp_path], "num_threads": 1}
     with pytest.raises(OSError, match="no recording"):
-        PPOTraining(spec, hyperparameters={"num_envs": 2}, demonstrations=[tmp_path], num_threads=1)
+        ppo.train(tmp_path / "run", spec, schedule, **changes)
     assert open_environments == []
 
 
 @pytest.mark.clients
 def test_a_training_whose_evaluations_cannot_be_built_closes_its_environments(open_environments, tmp_path, monkeypatch):
     from kitchen_suite.training import recipes
-    from kitchen_suite.training.train import train
+    from kitchen_suite.training.ppo import train
 
     build = EnvironmentSpec.make_vector_env
     built = []

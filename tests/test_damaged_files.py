@@ -38,9 +38,9 @@ from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, Eva
 from kitchen_suite.evaluation.receipt import Receipt, Trace, sealed
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
+from kitchen_suite.policies.files import shipped_as
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.tasks.kitchen.observation import SIZE as STATE_SIZE
-from kitchen_suite.training import run_folder
 
 # Growth of the process while it reads a damaged file [KiB]; Linux counts so.
 _MAX_GROWTH = 2**20
@@ -201,7 +201,7 @@ class Policies(Kind):
     def __init__(self, folder):
         self.path = folder / "policy.npz"
         shutil.copy(shipped_as("top_drawer"), self.path)
-        self.policy = TrainedPolicy.load(self.path)
+        self.policy = PerceptronPolicy.load(self.path)
 
     @property
     def paths(self):
@@ -214,41 +214,12 @@ class Policies(Kind):
         np.savez_compressed(path, **arrays, **({} if "metadata" in arrays else {"metadata": json.dumps(metadata)}))
 
     def read(self, is_edit):
-        policy = TrainedPolicy.load(self.path)
+        policy = PerceptronPolicy.load(self.path)
         action = policy(np.linspace(-1, 1, policy.observation_size))
         assert np.isfinite(action).all()
         if not is_edit:
             assert policy.metadata == self.policy.metadata
             assert same(policy.arrays, self.policy.arrays)
-
-
-class Runs(Kind):
-    """The description of a training run."""
-
-    def __init__(self, folder):
-        self.folder = folder / "run"
-        self.description = run_folder.RunDescription(
-            domain_name="kitchen",
-            task_name="kettle",
-            task_kwargs={"a": [1.5]},
-            training_kwargs={"c": True},
-            hyperparameters={"b": 2.0},
-            seed=3,
-            data_sha256="0123abcd",
-        )
-        self.description.create(self.folder)
-
-    @property
-    def paths(self):
-        return [self.folder / run_folder.RUN_FILE]
-
-    def read(self, is_edit):
-        self.description.resume(self.folder)
-        entries = json.loads(self.paths[0].read_text())
-        if entries.get("data_sha256") is None:
-            # Those of an earlier version have none.
-            entries["data_sha256"] = self.description.data_sha256
-        assert {**entries, **vars(self.description)} == entries
 
 
 class Evaluations(Kind):
@@ -397,58 +368,18 @@ class HumanDatasets(HumanData):
         self.check(MinariData(minari.load(name), name))
 
 
-class Checkpoints(Kind):
-    """The checkpoints of a training run, of which the newest is damaged."""
-
-    def __init__(self, folder):
-        import torch
-
-        from kitchen_suite.training import checkpoints
-
-        self.checkpoints, self.folder = checkpoints, folder
-        weights = torch.linspace(-1, 1, 300).reshape(10, 30)
-        progress = {"seconds": 1.5, "processor_seconds": 2.5, "best": (0.0, 1.25), "progress": 0.5, "successes": [0.0]}
-        for steps in (1, 2):
-            checkpoint = checkpoints.Checkpoint(
-                modules={"policy": {"weight": weights * steps}},
-                random=torch.get_rng_state(),
-                steps=steps,
-                warmup_batches=0,
-                **progress,
-            )
-            self.path = checkpoints.save(folder, checkpoint)
-        self.weights = weights
-
-    @property
-    def paths(self):
-        return [self.path]
-
-    def edit(self, path, change):
-        import torch
-
-        torch.save(change(torch.load(path, weights_only=True)), path)
-
-    def read(self, is_edit):
-        checkpoint = self.checkpoints.load_last(self.folder)
-        assert checkpoint.steps in (1, 2)
-        assert checkpoint.modules["policy"]["weight"].equal(self.weights * checkpoint.steps)
-
-
 KINDS = {
     "episodes": Episodes,
     "specifications": Specifications,
     "policies": Policies,
-    "runs": Runs,
     "evaluations": Evaluations,
     "receipts": Receipts,
     "D4RL's files": HumanFiles,
     "Minari datasets": HumanDatasets,
-    "checkpoints": Checkpoints,
 }
-# PyTorch is not among what the default tests need.
 LONG = ["episodes", "Minari datasets"]
-QUICK = [name for name in KINDS if name not in (*LONG, "checkpoints")]
-NAMES = [*brief([*KINDS][:-1], QUICK, full=LONG), pytest.param("checkpoints", marks=pytest.mark.clients)]
+QUICK = [name for name in KINDS if name not in LONG]
+NAMES = brief([*KINDS], QUICK, full=LONG)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ LIBRARIES = {
     "h5py": {"datasets.hdf5"},
     "websockets": {"policies.remote"},
     "msgpack": {"policies.remote"},
-    "zipfile": {"files", "evaluation.receipt", "training.checkpoints"},
+    "zipfile": {"files", "evaluation.receipt"},
     "numpy.lib": {"files"},
     # Its names of hosts and bound ports; no data are read by it.
     "socket": {"episodes.cluster", "viewer.servers"},
@@ -27,7 +27,7 @@ LIBRARIES |= {library: set() for library in NONE}
 
 # Modules that may call a function, by the end of its name.
 CALLS = {
-    "torch.load": {"training.checkpoints"},
+    "torch.load": {"training.run"},
     "np.load": set(),
     "np.fromfile": set(),
     "np.memmap": set(),

@@ -15,7 +15,7 @@ from kitchen_suite import imports
 from kitchen_suite.commands import record
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EpisodeSpec
-from kitchen_suite.policies.trained import shipped_as
+from kitchen_suite.policies.files import shipped_as
 
 ROOT = Path(__file__).resolve().parent.parent
 

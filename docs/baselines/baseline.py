@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import kitchen_suite
 from kitchen_suite import EnvironmentSpec
+from kitchen_suite.evaluation.text import format_evaluation
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 
 INPUT_EPSILON = 0.01  # Added to the standard deviations of inputs.
@@ -98,8 +99,8 @@ def evaluate(policy: ChunkPolicy, spec: EnvironmentSpec, given: argparse.Namespa
         seed=given.eval_seed,
         num_envs=1,
         receipt=given.output / "receipt.npz",
-        verbose=True,
     )
+    print(format_evaluation(evaluation))
     write_json(given.output / "evaluation.json", evaluation.as_json())
 
 

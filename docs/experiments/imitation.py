@@ -135,7 +135,7 @@ def recorded(folder: Path, preset: str) -> Path:
 
 def train(folder: Path, cell: Cell) -> tuple[Path, float]:
     """Trains a cell of `bc`, or continues; returns the file of the policy, and the minutes."""
-    from kitchen_suite.training import checkpoints
+    from kitchen_suite.training.run import load_checkpoint
 
     demonstrations, output, (_, task) = recorded(folder, cell.preset), folder / cell.name, SETS[cell.preset]
     run = [
@@ -146,9 +146,9 @@ def train(folder: Path, cell: Cell) -> tuple[Path, float]:
         f"--hyperparameters={json.dumps(SIZES)}",
     ]
     call("train", *run, *TRAINING, *(["--resume"] if (output / "training.json").exists() else []))
-    last = checkpoints.load_last(output / f"seed_{cell.seed}")
+    last = load_checkpoint(output / f"seed_{cell.seed}")
     assert last
-    return output / "policy.npz", last.processor_seconds / 60
+    return output / "policy.npz", last["processor_seconds"] / 60
 
 
 def measure(folder: Path, cell: Cell) -> None:

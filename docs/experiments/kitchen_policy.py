@@ -30,7 +30,7 @@ from kitchen_suite import suite
 from kitchen_suite.entities.props import BURNER_DISPLACEMENTS
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
 from kitchen_suite.policies import load_policy
-from kitchen_suite.policies.trained import SHIPPED
+from kitchen_suite.policies.files import SHIPPED
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.kitchen.variations import DONE
 from kitchen_suite.tasks.variations.distributions import Bands, Choice

@@ -128,8 +128,7 @@ def write_sets(folder: Path) -> None:
 
 def train(folder: Path, cell: Cell, name: str, *flags: str) -> tuple[Path, float]:
     """Trains a policy by PPO with some flags, or continues; returns its file, and the minutes of a processor."""
-    from kitchen_suite.training import checkpoints
-    from kitchen_suite.training.run import LAST_POLICY_FILE
+    from kitchen_suite.training.run import LAST_POLICY_FILE, load_checkpoint
 
     demonstrations = record(folder, cell.preset)
     output = folder / name
@@ -141,9 +140,9 @@ def train(folder: Path, cell: Cell, name: str, *flags: str) -> tuple[Path, float
         *(["--resume"] if (output / "training.json").exists() else []),
     )
     call("train", *own, *flags)
-    last = checkpoints.load_last(output / f"seed_{cell.seed}")
+    last = load_checkpoint(output / f"seed_{cell.seed}")
     assert last
-    return output / f"seed_{cell.seed}" / LAST_POLICY_FILE, last.processor_seconds / 60
+    return output / f"seed_{cell.seed}" / LAST_POLICY_FILE, last["processor_seconds"] / 60
 
 
 def score(folder: Path, name: str, policy: Path, task: str) -> dict[str, Any]:

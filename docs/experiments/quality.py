@@ -23,7 +23,7 @@ from kitchen_policy import KINDS
 import kitchen_suite
 from kitchen_suite import suite
 from kitchen_suite.environment import Environment
-from kitchen_suite.policies.trained import SHIPPED
+from kitchen_suite.policies.files import SHIPPED
 
 # Episodes of a policy under the protocol, and of a single task from its usual start.
 EPISODES = 30

@@ -26,7 +26,8 @@ from typing import Any
 
 from kitchen_suite import suite
 from kitchen_suite.episodes.spec import EnvironmentSpec
-from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
+from kitchen_suite.policies.files import SHIPPED
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 
 RESULTS = Path(__file__).parent / "results" / "training.json"
@@ -109,18 +110,18 @@ def command(run: Run, folder: Path) -> list[str]:
 
 def measure(run: Run, folder: Path) -> dict[str, Any]:
     """Returns the row of a run that has ended."""
-    from kitchen_suite.training import checkpoints
+    from kitchen_suite.training.run import load_checkpoint
 
     task, seed = run
     output = folder / f"{task}_{seed}"
-    last = checkpoints.load_last(output / f"seed_{seed}")
+    last = load_checkpoint(output / f"seed_{seed}")
     assert last
     return {
         "task": task,
         "seed": seed,
-        "steps": last.steps,
-        "minutes": last.seconds / 60,
-        "processor_minutes": last.processor_seconds / 60,
+        "steps": last["steps"],
+        "minutes": last["seconds"] / 60,
+        "processor_minutes": last["processor_seconds"] / 60,
         "processors": len(os.sched_getaffinity(0)),
         "episodes": EPISODES,
         "success": successes(output / "policy.npz", TASKS_ASKED.get(task, ("",))),
@@ -132,7 +133,7 @@ def successes(policy_file: Path, asked: Sequence[str]) -> list[int]:
     from kitchen_suite.training.ppo import NetworkController
     from kitchen_suite.training.run import evaluate
 
-    policy = TrainedPolicy.load(policy_file)
+    policy = PerceptronPolicy.load(policy_file)
     spec = EnvironmentSpec.make(**{name: policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs")})
     environments = spec.make_vector_env(EPISODES, None, **spec.env_class.flat_options)
     counts = []

@@ -23,7 +23,7 @@ from tqdm import tqdm
 import kitchen_suite
 from kitchen_suite.episodes.record import DivergedEpisodesError
 from kitchen_suite.episodes.spec import EnvironmentSpec
-from kitchen_suite.policies.trained import SHIPPED
+from kitchen_suite.policies.files import SHIPPED
 
 NAME = "kitchens_open"
 

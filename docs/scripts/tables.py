@@ -48,8 +48,7 @@ from kitchen_suite.tasks.open_cabinet import rewards as drawer_reward
 from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS as DRAWER_INSTRUCTIONS
 from kitchen_suite.tasks.variations import appearance, distributions
 from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, Choice, Distribution
-from kitchen_suite.training.ranges import ranges
-from kitchen_suite.training.recipes import BCHyperparameters, PPOHyperparameters
+from kitchen_suite.training.recipes import ranges
 
 DOCS = Path(__file__).resolve().parent.parent
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -687,9 +686,11 @@ def _vector(texts: Sequence[str]) -> str:
 
 def hyperparameter_table() -> str:
     """Returns the table of the hyperparameters with their defaults."""
+    from kitchen_suite.training.ppo import PPOHyperparameters
+
     meanings = attributes(PPOHyperparameters)
     intervals = ranges(PPOHyperparameters)
-    defaults = {domain: PPOHyperparameters.defaults(domain) for domain in suite.DOMAINS}
+    defaults = {domain: PPOHyperparameters.for_domain(domain) for domain in suite.DOMAINS}
     rows = [
         (
             f"`{each.name}`",
@@ -729,6 +730,8 @@ def _preset_arguments(preset: Any) -> str:
 
 def cloning_table() -> str:
     """Returns the table of the hyperparameters of behaviour cloning with their defaults."""
+    from kitchen_suite.training.bc import BCHyperparameters
+
     meanings = attributes(BCHyperparameters)
     intervals = ranges(BCHyperparameters)
     rows = [

@@ -48,7 +48,7 @@ def run(given: FlagValues) -> None:
     from kitchen_suite.episodes.report import print_line
     from kitchen_suite.episodes.spec import EnvironmentSpec
     from kitchen_suite.policies import PolicyRef, load_policy
-    from kitchen_suite.policies.trained import shipped_as
+    from kitchen_suite.policies.files import shipped_as
 
     if given.list:
         print(_shipped_policies())
@@ -96,7 +96,7 @@ def _shipped_policies() -> str:
     """Returns a table of the policies that come with the package."""
     from tabulate import tabulate
 
-    from kitchen_suite.policies.trained import SHIPPED
+    from kitchen_suite.policies.files import SHIPPED
 
     return tabulate([_row(path) for path in sorted(SHIPPED.glob("*.npz"))], headers="keys")
 

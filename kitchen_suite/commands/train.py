@@ -1,13 +1,13 @@
 """The command `kitchen-train`."""
 
 from pathlib import Path
+from typing import Any
 
 from absl.flags import DEFINE_boolean, DEFINE_enum, DEFINE_integer, DEFINE_list, FlagValues
 
 from kitchen_suite import checks, installation, suite
 from kitchen_suite.commands import flags
 from kitchen_suite.commands.command import Command
-from kitchen_suite.training.ranges import ranges
 from kitchen_suite.training.recipes import (
     ALGORITHMS,
     BC,
@@ -15,7 +15,6 @@ from kitchen_suite.training.recipes import (
     MIN_PROGRESS,
     PPO,
     SCHEDULES,
-    Schedule,
     find_schedule,
 )
 
@@ -53,7 +52,7 @@ def define(values: FlagValues) -> None:
     _schedule_flag(values, "num_steps", "Steps at most: see --target_success")
     _schedule_flag(values, "eval_interval", "Steps between evaluations and checkpoints")
     episodes = f"Episodes of an evaluation, on seeds held out; else {EVAL_EPISODES}."
-    _integer(values, "eval_episodes", episodes)
+    DEFINE_integer("eval_episodes", None, episodes, flag_values=values)
     target = "Success rate of two evaluations in a row that ends training, above 1 for never"
     flags.number(values, "target_success", None, f"{target}; else {_by_domain('target_success')}.", minimum=0)
     _schedule_flag(values, "patience", "Steps without --min_progress after which a seed is given up, 0 for never")
@@ -70,13 +69,8 @@ def define(values: FlagValues) -> None:
 
 
 def _schedule_flag(values: FlagValues, name: str, help: str) -> None:
-    _integer(values, name, f"{help}; else {_by_domain(name)}.")
-
-
-def _integer(values: FlagValues, name: str, help: str) -> None:
-    """Defines an integer of the schedule, with the bounds that it has there."""
-    bounds = ranges(Schedule)[name]
-    DEFINE_integer(name, None, help, int(bounds.low), int(bounds.high), flag_values=values)
+    """Defines an integer of the schedule, which checks it."""
+    DEFINE_integer(name, None, f"{help}; else {_by_domain(name)}.", flag_values=values)
 
 
 def _by_domain(name: str) -> str:
@@ -96,36 +90,47 @@ def run(given: FlagValues) -> None:
     from kitchen_suite.episodes.report import Report, print_line
     from kitchen_suite.episodes.spec import EnvironmentSpec
     from kitchen_suite.policies import PolicyRef
+    from kitchen_suite.training import bc, ppo
     from kitchen_suite.training.run import EVALUATION_SEEDS
-    from kitchen_suite.training.train import train
 
+    _refuse_flags_of_others(given)
     spec = EnvironmentSpec.make(given.domain_name, given.task_name, flags.environment_kwargs(given))
     flags.prepare_images(spec, rendering=given.video is not None)
     if given.video:
         video.check_ffmpeg()
     chosen = ("num_steps", "eval_interval", "eval_episodes", "target_success", "patience", "min_progress")
     schedule = find_schedule(given.domain_name, given.algorithm, **{name: given[name].value for name in chosen})
-    best = train(
-        given.output,
-        spec,
-        schedule,
-        algorithm=given.algorithm,
-        seed=given.seed,
-        restarts=given.restarts,
-        hyperparameters=given.hyperparameters,
-        training_kwargs=given.training_kwargs,
-        demonstrations=[Path(folder) for folder in given.demonstrations],
-        num_demonstrations=flags.integers(given.num_demonstrations, "num_demonstrations"),
-        initial_policy=given.initial_policy,
-        num_threads=given.num_threads,
-        resume=given.resume,
-    )
+    demonstrations = [Path(folder) for folder in given.demonstrations]
+    shared: dict[str, Any] = {name: given[name].value for name in ("seed", "restarts", "num_threads", "resume")}
+    shared |= {"hyperparameters": given.hyperparameters or {}, "report": print_line}
+    if given.algorithm == PPO:
+        best = ppo.train(
+            given.output,
+            spec,
+            schedule,
+            training_kwargs=given.training_kwargs or {},
+            demonstrations=demonstrations,
+            initial_policy=given.initial_policy,
+            **shared,
+        )
+    else:
+        counts = flags.integers(given.num_demonstrations, "num_demonstrations")
+        best = bc.train(given.output, spec, schedule, demonstrations, num_demonstrations=counts, **shared)
+    print_line(f"best policy: {best}")
     if given.video:
         policy = PolicyRef.parse(f"trained(file={str(best)!r})")
         episode = spec.episodes(policy, seed=EVALUATION_SEEDS, seeding="dm_control").with_observables(policy)
         summary = video.film(given.video, episode, policy)
         print_line(Report(last_seed=EVALUATION_SEEDS).add(summary))
         print_line(f"video {given.video}")
+
+
+def _refuse_flags_of_others(given: FlagValues) -> None:
+    """Raises a ValueError for flags of another algorithm than the one that is chosen."""
+    for algorithm, names in {PPO: ("initial_policy", "training_kwargs"), BC: ("num_demonstrations",)}.items():
+        for name in names:
+            if algorithm != given.algorithm and given[name].value:
+                raise ValueError(f"{name} is for the algorithm {algorithm!r}, not for {given.algorithm!r}")
 
 
 COMMAND = Command(name="kitchen-train", description=DESCRIPTION, define=define, run=run)

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 from kitchen_suite import checks, files, signatures
 
 if TYPE_CHECKING:
-    from kitchen_suite.policies.stored import StoredPolicy
+    from kitchen_suite.policies.files import StoredPolicy
     from kitchen_suite.tasks.task import SuiteTask
 
 Policy = Callable[[Any], ArrayLike]
@@ -134,10 +134,12 @@ class ExpertSource(PolicySource):
 
 def load_policy(path: Path) -> "StoredPolicy":
     """Reads a trained policy of any algorithm; raises as `StoredPolicy.load`."""
-    from kitchen_suite.policies import imitated, stored, trained
+    from kitchen_suite.policies.chunks import ChunkPolicy
+    from kitchen_suite.policies.files import load
+    from kitchen_suite.policies.perceptron import PerceptronPolicy
 
-    classes: tuple[type[stored.StoredPolicy], ...] = (trained.TrainedPolicy, imitated.ClonedPolicy)
-    return stored.load(path, classes)
+    classes: tuple[type[StoredPolicy], ...] = (PerceptronPolicy, ChunkPolicy)
+    return load(path, classes)
 
 
 class TrainedSource(PolicySource):
@@ -164,7 +166,7 @@ class TrainedSource(PolicySource):
         return type(self)(digest)
 
     def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
-        from kitchen_suite.policies.trained import shipped
+        from kitchen_suite.policies.files import shipped
 
         if isinstance(file := options.get("file"), str):
             return Path(file)

@@ -1,36 +1,99 @@
 """Behaviour cloning in chunks: a network learns the actions that follow each observation of demonstrations.
 
-From top to bottom: the networks; the learner, which draws batches and exports policies; the loop; and the arguments of
-a run. Policies take the state, and which tasks are requested; or pictures and the robot's part of the state.
+From top to bottom: the hyperparameters; the networks; the learner, which draws batches and exports policies; and a run,
+with its arguments and its loop. `run.py` has the evaluations and the files of a run.
+
+Policies take the state, and which tasks are requested; or pictures and the robot's part of the state.
 """
 
 import dataclasses
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Annotated, Any, Self, cast
 
 import numpy as np
 import torch
+from msgspec import Meta
 from numpy.typing import NDArray
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from kitchen_suite.episodes.play import Controller, PolicyController
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies.imitated import ClonedPolicy
-from kitchen_suite.policies.networks import CLIP, ResidualNetwork, Scales
+from kitchen_suite.policies.chunks import ChunkPolicy
+from kitchen_suite.policies.networks import CLIP, PictureEncoder, ResidualNetwork, Scales
 from kitchen_suite.training.demonstrations import Demonstrations, check_observed, load_demonstrations
-from kitchen_suite.training.export import picture_encoder, residual_network
-from kitchen_suite.training.recipes import BCHyperparameters
-from kitchen_suite.training.run import Learner, Run, SeedRun
+from kitchen_suite.training.recipes import (
+    BC,
+    Coefficient,
+    Decay,
+    Epsilon,
+    Fraction,
+    LearningRate,
+    SamplesOrPasses,
+    Schedule,
+    Units,
+    checked,
+)
+from kitchen_suite.training.run import (
+    POLICY_FILE,
+    Learner,
+    RunDescription,
+    digest_of,
+    evaluation_environments,
+    one_thread,
+    seed_runs,
+)
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 _CONVOLUTIONS = ((5, 16), (3, 32), (3, 32))  # Sizes and channels of the convolutions of pictures.
 _STEPS = 100  # Steps of the optimiser between points of the curves.
 _ACTION_EPSILON = 1e-3  # Added to the standard deviations of actions.
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BCHyperparameters:
+    """Hyperparameters of behaviour cloning in chunks of actions.
+
+    The network is residual: blocks with normalisation and SiLU units.
+
+    Attributes:
+      width: values between the blocks.
+      blocks: number of blocks.
+      chunk: number of actions that are predicted at once.
+      executed: number of these that are applied before the next prediction.
+      batch_size: control steps of a step of the optimiser.
+      learning_rate: of the optimiser (AdamW) at first; it falls to 0 like half a cosine.
+      weight_decay: of the optimiser.
+      averaging: decay of the moving average of the policy's weights, which is evaluated and exported.
+      standardisation_epsilon: added to the standard deviations by which inputs are divided.
+      input_noise: standard deviation of normal noise on the inputs in training, in units of their standard deviations.
+      features: number of features of each camera's picture; from pictures alone, as `shift` and `tint`.
+      shift: greatest displacement of pictures in training [pixels].
+      tint: greatest change of contrast, and twice that of brightness, of each colour of pictures in training.
+    """
+
+    width: Units = 384
+    blocks: Annotated[int, Meta(ge=0, le=2**10)] = 3
+    chunk: Annotated[int, Meta(ge=1, le=2**10)] = 8
+    executed: Annotated[int, Meta(ge=1, le=2**10)] = 1
+    batch_size: SamplesOrPasses = 512
+    learning_rate: LearningRate = 1e-3
+    weight_decay: Coefficient = 1e-4
+    averaging: Decay = 0.999
+    standardisation_epsilon: Epsilon = 0.01
+    input_noise: Coefficient = 0.0
+    features: Units = 128
+    shift: Annotated[int, Meta(ge=0, le=2**10)] = 1
+    tint: Fraction = 0.2
+
+    def __post_init__(self) -> None:
+        """Raises a ValueError for values that do not go together."""
+        if self.executed > self.chunk:
+            raise ValueError(f"executed must be at most chunk, {self.chunk}, got {self.executed}")
 
 
 class Block(torch.nn.Module):
@@ -66,6 +129,13 @@ class Network(torch.nn.Module):
         """Returns a copy of the network that acts with numpy alone."""
         return residual_network(self)
 
+    @classmethod
+    def of(cls, network: ResidualNetwork) -> Self:
+        """Returns the network with the arrays of one that acts with numpy."""
+        made = cls(network.inputs, network.outputs, width=network.input.bias.size, blocks=len(network.blocks))
+        made.load_state_dict({name: torch.as_tensor(array) for name, array in network.arrays.items()})
+        return made
+
 
 class Encoder(torch.nn.Module):
     """Convolutions of a picture that halve its height and width, and an affine map to features."""
@@ -88,6 +158,25 @@ class Encoder(torch.nn.Module):
         for convolution in self.convolutions:
             values = torch.nn.functional.relu(convolution(values))
         return self.output(values.flatten(1))
+
+
+def residual_network(module: torch.nn.Module) -> ResidualNetwork:
+    """Returns a `Network` as one that acts with numpy."""
+    return ResidualNetwork.take(_named(module, "network"), "network")
+
+
+def picture_encoder(module: torch.nn.Module) -> PictureEncoder:
+    """Returns an `Encoder` as one that acts with numpy."""
+    return PictureEncoder.take(_named(module, "encoder"), "encoder")
+
+
+def as_numpy(tensor: torch.Tensor) -> NDArray[np.float32]:
+    """Returns a copy of a tensor, which goes on changing in training."""
+    return np.array(tensor.detach().numpy(), np.float32)
+
+
+def _named(module: torch.nn.Module, name: str) -> dict[str, NDArray]:
+    return {f"{name}.{key}": as_numpy(tensor) for key, tensor in module.state_dict().items()}
 
 
 def augmented(pictures: torch.Tensor, config: BCHyperparameters) -> torch.Tensor:
@@ -126,6 +215,9 @@ class PolicyNetwork(torch.nn.Module):
 
 class BCLearner(Learner):
     """Fits a network to demonstrations, by steps of an optimiser whose learning rate falls to 0."""
+
+    title = "Behaviour cloning"
+    unit = "steps of the optimiser"
 
     def __init__(
         self,
@@ -200,16 +292,16 @@ class BCLearner(Learner):
         self.steps += 1
         return loss.item()
 
-    def export(self, metadata: Mapping[str, Any]) -> ClonedPolicy:
-        acting = {"algorithm": ClonedPolicy.algorithm, "chunk": self._config.chunk, "executed": self._config.executed}
-        return ClonedPolicy(
+    def export(self, metadata: Mapping[str, Any]) -> ChunkPolicy:
+        acting = {"algorithm": ChunkPolicy.algorithm, "chunk": self._config.chunk, "executed": self._config.executed}
+        return ChunkPolicy(
             scales=self._scales,
             network=self.averaged.network.in_numpy(),
             encoders=tuple(picture_encoder(encoder) for encoder in self.averaged.encoders),
             metadata={**metadata, **acting, **self._metadata},
         )
 
-    def controller(self, policy: ClonedPolicy, environments: SuiteVectorEnv) -> Controller:
+    def controller(self, policy: ChunkPolicy, environments: SuiteVectorEnv) -> Controller:
         return PolicyController(environments, lambda environment, _: policy.episode(environment.task))
 
 
@@ -225,84 +317,77 @@ def scales_of(inputs: NDArray, actions: NDArray, epsilon: float) -> Scales:
     )
 
 
-def train(learner: BCLearner, run: SeedRun) -> None:
-    """Trains a learner until its run has a reason to stop."""
-    if run.resumed and run.stop_reason:
-        return
-    with run:
-        run.begin()
-        while not run.stop_reason:
-            run.record(learner.learn())
+def train(
+    folder: Path,
+    spec: EnvironmentSpec,
+    schedule: Schedule,
+    demonstrations: Sequence[Path],
+    *,
+    seed: int = 0,
+    restarts: int = 3,
+    hyperparameters: Mapping[str, Any] = MappingProxyType({}),
+    num_demonstrations: Sequence[int] = (),
+    num_threads: int | None = None,
+    resume: bool = False,
+    report: Callable[[str], None] = lambda line: None,
+) -> Path:
+    """Trains a policy on demonstrations.
 
+    The folder gets a folder for each seed, with curves for TensorBoard and the last checkpoints, and the best policy.
 
-class BCTraining:
-    """The demonstrations and hyperparameters of a run by behaviour cloning, of which each seed makes a learner.
+    Args:
+      folder: of the run.
+      spec: of the environments that the policy is evaluated in.
+      schedule: when the policy is evaluated, and when training stops; see `recipes.find_schedule`.
+      demonstrations: folders of recordings.
+      seed: first seed.
+      restarts: number of additional seeds to try where one is given up.
+      hyperparameters: changes to the defaults, by name.
+      num_demonstrations: episodes of each recording, or one number for all; empty for all episodes.
+      num_threads: number of threads that step the environments of evaluations; one per processor when None.
+      resume: whether to continue the run in the folder from its newest checkpoints.
+      report: called with each line of a table of the evaluations.
 
-    Attributes:
-      title: name of the algorithm.
-      steps: name of the steps that it counts.
-      config: hyperparameters.
-      training_kwargs: empty: nothing is played but evaluations.
-      max_episode_steps: of evaluations.
-      data: arrays that are learned from.
+    Returns the file of the best policy. Raises as `ppo.train`.
     """
+    check_observed(spec, BC, others=("pixels_agent_pos",))
+    if not demonstrations:
+        raise ValueError(f"algorithm {BC!r} needs demonstrations: a recording of kitchen-record")
+    if schedule.num_steps < 1:
+        raise ValueError(f"num_steps must be above 0, got {schedule.num_steps}")
+    config = checked(BCHyperparameters, hyperparameters, "hyperparameter")
+    with spec.make_environment() as environment:
+        # Of the tasks that can be requested, each episode draws some.
+        tasks = suite_env(environment).composer_task.requests.drawn_tasks
+    extras = _extras(spec)
+    shown = load_demonstrations(demonstrations, spec, tasks, num_demonstrations)
+    description = RunDescription(
+        domain_name=spec.domain_name,
+        task_name=spec.task_name,
+        task_kwargs=dict(spec.task_kwargs),
+        training_kwargs={},
+        hyperparameters=dataclasses.asdict(config),
+        seed=seed,
+        algorithm=BC,
+        data_sha256=digest_of([shown.inputs, shown.actions, shown.last, *shown.pictures.values()]),
+    )
 
-    title = "Behaviour cloning"
-    steps = "steps of the optimiser"
+    def make_learner(seed: int) -> BCLearner:
+        return BCLearner(shown, config, num_steps=schedule.num_steps, seed=seed, tasks=tasks, extras=extras)
 
-    def __init__(
-        self,
-        spec: EnvironmentSpec,
-        demonstrations: Sequence[Path],
-        *,
-        num_steps: int,
-        hyperparameters: Mapping[str, Any] = MappingProxyType({}),
-        num_demonstrations: Sequence[int] = (),
-    ) -> None:
-        """Reads the demonstrations.
-
-        Args:
-          spec: of the environments that policies are evaluated in.
-          demonstrations: folders of recordings.
-          num_steps: steps of the optimiser in the whole run.
-          hyperparameters: changes to the defaults, by name.
-          num_demonstrations: episodes of each recording, or one number for all; empty for all episodes.
-        """
-        check_observed(spec, "bc", others=("pixels_agent_pos",))
-        if not demonstrations:
-            raise ValueError("behaviour cloning needs demonstrations: a recording of kitchen-record")
-        if num_steps < 1:
-            raise ValueError(f"num_steps must be above 0, got {num_steps}")
-        self.config = BCHyperparameters.changed(hyperparameters)
-        self.training_kwargs: dict[str, Any] = {}
-        self.max_episode_steps = spec.max_episode_steps
-        self._num_steps = num_steps
-        with spec.make_environment() as environment:
-            # Of the tasks that can be requested, each episode draws some.
-            self._tasks = suite_env(environment).composer_task.requests.drawn_tasks
-        self._extras = _extras(spec)
-        self._demonstrations = load_demonstrations(demonstrations, spec, self._tasks, num_demonstrations)
-        found = self._demonstrations
-        self.data: tuple[NDArray, ...] = (found.inputs, found.actions, found.last, *found.pictures.values())
-
-    def make_learner(self, seed: int) -> BCLearner:
-        """Returns a new learner."""
-        options: dict[str, Any] = {"num_steps": self._num_steps, "tasks": self._tasks, "extras": self._extras}
-        return BCLearner(self._demonstrations, self.config, seed=seed, **options)
-
-    def train(self, run: Run, seed: int) -> SeedRun:
-        """Trains with a seed of a run, or continues; returns the run of the seed."""
-        learner = self.make_learner(seed)
-        seed_run = run.of_seed(seed, learner)
-        train(learner, seed_run)
-        return seed_run
-
-    def close(self) -> None:
-        """Does nothing: there are no environments to be trained in."""
+    with evaluation_environments(spec, schedule, num_threads) as evaluated, one_thread():
+        for run in seed_runs(
+            folder, description, schedule, evaluated, make_learner, restarts=restarts, resume=resume, report=report
+        ):
+            with run:
+                run.begin()
+                while not run.stop_reason:
+                    run.record(run.learner.learn())
+    return folder / POLICY_FILE
 
 
 def _extras(spec: EnvironmentSpec) -> dict[str, Any]:
-    """Returns the metadata of a policy on the extra observables of environments; see `ClonedMetadata`."""
+    """Returns the metadata of a policy on the extra observables of environments; see `ChunkMetadata`."""
     arguments = {name: value for name, value in spec.task_kwargs.items() if name != "variations"}
     with dataclasses.replace(spec, task_kwargs=arguments).make_environment() as environment:
         environment.reset(seed=0)

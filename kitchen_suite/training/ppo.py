@@ -1,41 +1,72 @@
 """Proximal policy optimisation (PPO) on many environments at once, from scratch, a clone or a trained policy.
 
-From top to bottom: the networks; a batch of control steps and how the agent learns from it; exploration; which tasks
-are drawn; cloning before the first step; the learner, which collects batches; the loop; and the arguments of a run.
+From top to bottom: the hyperparameters; the networks; a batch of control steps and how the agent learns from it;
+exploration; which tasks are drawn; cloning before the first step; the learner, which collects batches; and a run, with
+its arguments and its loop. `run.py` has the evaluations and the files of a run.
 """
 
 import collections
 import concurrent.futures
+import contextlib
 import copy
+import dataclasses
+import functools
 import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple, Self, cast
+from typing import Annotated, Any, NamedTuple, Self, cast
 
 import numpy as np
 import torch
+from dm_env import specs
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
+from msgspec import Meta
 from numpy.typing import NDArray
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
 from kitchen_suite import checks, files, suite
-from kitchen_suite.closing import closed_on_error
 from kitchen_suite.episodes.play import BatchStep, Controller
 from kitchen_suite.episodes.spec import EnvironmentSpec
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.policies import load_policy
+from kitchen_suite.policies.chunks import ChunkMetadata, ChunkPolicy
 from kitchen_suite.policies.networks import CLIP
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.tasks.requests import Requests
 from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.training.checkpoints import Checkpoint
+from kitchen_suite.training.bc import Network, as_numpy, residual_network
 from kitchen_suite.training.demonstrations import OBSERVATION_OPTIONS, check_observed, check_same, load_to_clone
-from kitchen_suite.training.export import linear_layers, perceptron
-from kitchen_suite.training.recipes import PPOHyperparameters, find_recipe
-from kitchen_suite.training.run import Learner, Run, SeedRun, episode_metrics
+from kitchen_suite.training.recipes import (
+    OFFSET_SCALE,
+    PPO,
+    Coefficient,
+    Decay,
+    Epsilon,
+    Factor,
+    Fraction,
+    LearningRate,
+    SamplesOrPasses,
+    Schedule,
+    Size,
+    Units,
+    checked,
+    find_recipe,
+)
+from kitchen_suite.training.run import (
+    POLICY_FILE,
+    Learner,
+    RunDescription,
+    digest_of,
+    episode_metrics,
+    evaluation_environments,
+    one_thread,
+    seed_runs,
+)
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 _LEARNING_RATES = (1e-6, 1e-2)  # Bounds of adapted learning rates.
@@ -59,6 +90,97 @@ _CLONE_LEARNING_RATE = 1e-3  # Initial learning rate of cloning (AdamW); it fall
 _CLONE_WEIGHT_DECAY = 1e-4  # Weight decay of cloning.
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PPOHyperparameters:
+    """Hyperparameters of PPO and of behaviour cloning before it.
+
+    Policy and value function are multilayer perceptrons with ELU units and the same hidden layers.
+
+    Attributes:
+      num_envs: environments stepped together.
+      rollouts: control steps of each environment between updates (rollout length).
+      learning_epochs: passes over the batch in an update.
+      mini_batches: minibatches of each pass.
+      hidden: units of each hidden layer; without any, policy and value function are affine.
+      learning_rate: initial learning rate of the policy (Adam).
+      value_learning_rate: learning rate of the value network (Adam) at the start of each update.
+      kl_target: Kullback-Leibler divergence of an update that the learning rates are adapted to; 0 keeps them constant.
+      discount: discount factor.
+      gae_lambda: lambda of generalised advantage estimation (GAE).
+      ratio_clip: clip range of the probability ratio in the surrogate objective.
+      value_clip: clip range of the change of a value in an update, in standard deviations of the returns; 0 for none.
+      value_scale: coefficient of the value loss.
+      entropy_scale: entropy coefficient.
+      gradient_norm: maximum norm of the gradient, which is clipped to it; 0 for none.
+      averaging: decay of a moving average of the policy's weights, which is evaluated and exported; 0 for none.
+      reward_scale: factor of the rewards.
+      clone_epochs: passes over the demonstrations in behaviour cloning.
+      value_batches: batches after cloning that train the value network alone (value warm-up); 0 for none.
+      exploration: initial standard deviation of the actions, in units of `action_scale`.
+      noise_correlation: correlation of the exploration noise of successive control steps.
+      standardisation_epsilon: added to the standard deviations by which observations are divided.
+      action_scale: action for network outputs of one; without any, half the range of the action's elements, or 0.01 rad
+        and a gripper logit of 2 in `joint_offset`.
+    """
+
+    num_envs: Size = 256
+    rollouts: Size = 16
+    learning_epochs: SamplesOrPasses = 2
+    mini_batches: Size = 4
+    hidden: tuple[Units, ...] = (128, 128)
+    learning_rate: LearningRate = 1e-3
+    value_learning_rate: LearningRate = 1e-3
+    kl_target: Coefficient = 0.008
+    discount: Annotated[float, Meta(gt=0, le=1)] = 0.99
+    gae_lambda: Fraction = 0.95
+    ratio_clip: Annotated[float, Meta(gt=0, le=1)] = 0.2
+    value_clip: Coefficient = 0.2
+    value_scale: Factor = 1.0
+    entropy_scale: Coefficient = 0.001
+    gradient_norm: Coefficient = 1.0
+    averaging: Decay = 0.0
+    reward_scale: Factor = 0.1
+    clone_epochs: SamplesOrPasses = 60
+    value_batches: Annotated[int, Meta(ge=0, le=2**20)] = 10
+    exploration: Factor = 1.0
+    noise_correlation: Decay = 0.9
+    standardisation_epsilon: Epsilon = 0.01
+    action_scale: tuple[Factor, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raises a ValueError for values that do not go together."""
+        if self.batch_size < 2:
+            raise ValueError(f"rollouts must be at least 2 where num_envs is 1, got {self.rollouts}")
+        if self.batch_size % self.mini_batches:
+            steps = f"{self.batch_size} steps of a batch (num_envs * rollouts)"
+            raise ValueError(f"mini_batches {self.mini_batches} must divide the {steps}")
+
+    @property
+    def batch_size(self) -> int:
+        """Control steps of an update, over all environments."""
+        return self.num_envs * self.rollouts
+
+    def for_actions(self, spec: specs.Array) -> "PPOHyperparameters":
+        """Returns the hyperparameters with an action scale for a spec; unchanged if they have one."""
+        if self.action_scale:
+            return self
+        bounded = isinstance(spec, specs.BoundedArray)
+        half = np.broadcast_to((spec.maximum - spec.minimum) / 2.0, spec.shape) if bounded else np.array(OFFSET_SCALE)
+        return dataclasses.replace(self, action_scale=tuple(half.tolist()))
+
+    @classmethod
+    def for_domain(
+        cls, domain_name: str, changes: Mapping[str, Any] = MappingProxyType({}), *, cloning: bool = False
+    ) -> "PPOHyperparameters":
+        """Returns the defaults of a domain with some values changed; raises as `recipes.checked`.
+
+        With `cloning` they are those of a policy that was, or is to be, cloned from demonstrations first.
+        """
+        recipe = find_recipe(domain_name)
+        defaults = {**recipe.hyperparameters, **(recipe.cloning_hyperparameters if cloning else {})}
+        return checked(cls, {**defaults, **changes}, "hyperparameter")
+
+
 class GaussianPolicy(torch.nn.Module):
     """Gaussian policy: the mean is computed by a network, the standard deviations do not depend on the observation.
 
@@ -73,18 +195,12 @@ class GaussianPolicy(torch.nn.Module):
 
     scale: torch.Tensor
 
-    def __init__(self, observation_size: int, scale: torch.Tensor, config: PPOHyperparameters) -> None:
-        """Builds the network, with the hidden layers and the exploration of the hyperparameters."""
+    def __init__(self, network: torch.nn.Module, scale: torch.Tensor, exploration: float) -> None:
+        """Takes the network; `exploration` is the initial standard deviation."""
         super().__init__()
-        self.network = build_network([observation_size, *config.hidden, scale.numel()])
-        self.log_deviation = torch.nn.Parameter(torch.full(scale.shape, math.log(config.exploration)))
+        self.network = network
+        self.log_deviation = torch.nn.Parameter(torch.full(scale.shape, math.log(exploration)))
         self.register_buffer("scale", scale)
-        last_layer = self.network[-1]
-        assert isinstance(last_layer, torch.nn.Linear)
-        with torch.no_grad():
-            # The first actions are almost pure exploration noise.
-            last_layer.weight.mul_(0.01)
-            last_layer.bias.zero_()
 
     def log_densities(self, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """Returns the logarithms `(n,)` of the densities of actions `(n, k)`, without the constant of the normal."""
@@ -98,6 +214,17 @@ def build_network(sizes: Sequence[int]) -> torch.nn.Sequential:
     for inputs, outputs in itertools.pairwise(sizes):
         layers += [torch.nn.Linear(inputs, outputs), torch.nn.ELU()]
     return torch.nn.Sequential(*layers[:-1])
+
+
+def build_policy_network(sizes: Sequence[int]) -> torch.nn.Sequential:
+    """Returns a network as `build_network`, whose first actions are almost pure exploration noise."""
+    network = build_network(sizes)
+    last_layer = network[-1]
+    assert isinstance(last_layer, torch.nn.Linear)
+    with torch.no_grad():
+        last_layer.weight.mul_(0.01)
+        last_layer.bias.zero_()
+    return network
 
 
 class RunningScaler(torch.nn.Module):
@@ -140,6 +267,13 @@ class RunningScaler(torch.nn.Module):
     def freeze(self) -> None:
         """Fixes the statistics: vectors that are added later change them by nearly nothing."""
         self.current_count.fill_(1e15)
+
+    def adopt(self, mean: NDArray[np.float32], deviation: NDArray[np.float32]) -> None:
+        """Fixes means and divisors `(m,)` of the vectors, where the least divisor bounds the epsilon."""
+        self.epsilon = min(self.epsilon, float(deviation.min()))
+        self.running_mean.copy_(torch.as_tensor(mean))
+        self.running_variance.copy_((torch.as_tensor(deviation) - self.epsilon).clamp(min=0.0).square())
+        self.freeze()
 
     @property
     def deviation(self) -> torch.Tensor:
@@ -229,12 +363,23 @@ class Agent:
       optimizer: with a parameter group of each network, that of the policy first.
     """
 
-    def __init__(self, observation_size: int, action_space: spaces.Box, config: PPOHyperparameters) -> None:
-        """Builds networks, scalers and optimiser for flat observations and the actions of one environment."""
+    def __init__(
+        self,
+        observation_size: int,
+        action_space: spaces.Box,
+        config: PPOHyperparameters,
+        network: torch.nn.Module | None = None,
+    ) -> None:
+        """Builds networks, scalers and optimiser for flat observations and the actions of one environment.
+
+        The network of the policy is new unless it is given.
+        """
         if action_space.shape != (len(config.action_scale),):
             raise ValueError(f"action_scale must have {action_space.shape[0]} numbers, got {config.action_scale}")
         self._config = config
-        self.policy = policy = GaussianPolicy(observation_size, torch.tensor(config.action_scale), config)
+        if network is None:
+            network = build_policy_network([observation_size, *config.hidden, len(config.action_scale)])
+        self.policy = policy = GaussianPolicy(network, torch.tensor(config.action_scale), config.exploration)
         self.value = value = build_network([observation_size, *config.hidden, 1])
         self.observation_scaler = RunningScaler(observation_size, config.standardisation_epsilon)
         self.value_scaler = RunningScaler(1, _EPSILON)
@@ -385,33 +530,29 @@ class Actor:
         return means + self._policy.log_deviation.exp() * noise
 
 
-def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
+def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> PerceptronPolicy:
     """Returns the agent's present policy, with averaged weights and without exploration, as numpy arrays."""
-    scaler = agent.observation_scaler
     policy = cast(GaussianPolicy, agent.average.module)
-    scales = {"mean": scaler.running_mean, "deviation": scaler.deviation, "action_scale": policy.scale}
-    return perceptron(policy.network, clip=CLIP, metadata=metadata, **scales)
+    layers = [layer for layer in cast(torch.nn.Sequential, policy.network) if isinstance(layer, torch.nn.Linear)]
+    return PerceptronPolicy(
+        mean=as_numpy(agent.observation_scaler.running_mean),
+        deviation=as_numpy(agent.observation_scaler.deviation),
+        clip=CLIP,
+        weights=tuple(as_numpy(layer.weight) for layer in layers),
+        biases=tuple(as_numpy(layer.bias) for layer in layers),
+        action_scale=as_numpy(policy.scale),
+        metadata=metadata,
+    )
 
 
-@torch.no_grad()
-def adopt_policy(agent: Agent, policy: TrainedPolicy) -> None:
-    """Sets an agent's network to a trained policy's, and fixes its standardisation; values stay untrained."""
-    own = export_policy(agent, {})
-    if policy.layers != own.layers:
-        raise ValueError(f"the policy has layers {policy.layers}, but task and hyperparameters make {own.layers}")
-    if not np.array_equal(policy.action_scale, own.action_scale):
-        raise ValueError(f"the policy has the action_scale {policy.action_scale}, not {own.action_scale}")
-    scaler = agent.observation_scaler
-    least = policy.deviation.min()
-    if least < np.float32(scaler.epsilon):
-        raise ValueError(f"standardisation_epsilon must be at most {least}, the policy's least, got {scaler.epsilon}")
-    for layer, weight, bias in zip(linear_layers(agent.policy.network), policy.weights, policy.biases, strict=True):
-        layer.weight.copy_(torch.as_tensor(weight))
-        layer.bias.copy_(torch.as_tensor(bias))
-    agent.restart_average()
-    scaler.running_mean.copy_(torch.as_tensor(policy.mean))
-    scaler.running_variance.copy_((torch.as_tensor(policy.deviation) - scaler.epsilon).clamp(min=0.0).square())
-    scaler.freeze()
+def export_clone(agent: Agent, initial: ChunkPolicy, metadata: Mapping[str, Any]) -> ChunkPolicy:
+    """Returns the agent's present policy as `export_policy`, in the form of the clone that it started from."""
+    policy = cast(GaussianPolicy, agent.average.module)
+    scale = as_numpy(policy.scale)
+    scales = initial.scales._replace(action_mean=np.zeros_like(scale), action_deviation=scale)
+    names = ("algorithm", *(field.name for field in dataclasses.fields(ChunkMetadata)))
+    own = {name: initial.metadata[name] for name in names if name in initial.metadata}
+    return ChunkPolicy(scales=scales, network=residual_network(policy.network), metadata={**metadata, **own})
 
 
 class TaskBalance:
@@ -452,11 +593,29 @@ class TaskBalance:
         self._requests.weights = 1.0 + _LEAST_WEIGHT - self.success
 
 
-def clone(agent: Agent, observations: NDArray, actions: NDArray, epochs: int, report: Callable[[float], None]) -> None:
+InitialPolicy = PerceptronPolicy | ChunkPolicy
+
+
+def network_of(policy: InitialPolicy) -> torch.nn.Module:
+    """Returns the network of a policy, whose outputs are in units of its action scale."""
+    if isinstance(policy, ChunkPolicy):
+        residual = Network.of(policy.network)
+        with torch.no_grad():
+            residual.output.bias += torch.as_tensor(policy.scales.action_mean / policy.scales.action_deviation)
+        return residual
+    perceptron = build_network(policy.layers)
+    arrays = [array for layer in zip(policy.weights, policy.biases, strict=True) for array in layer]
+    with torch.no_grad():
+        for parameter, array in zip(perceptron.parameters(), arrays, strict=True):
+            parameter.copy_(torch.as_tensor(array))
+    return perceptron
+
+
+def clone(agent: Agent, observations: NDArray, actions: NDArray, epochs: int) -> list[float]:
     """Fits the mean of a new agent's policy to observations `(m, n)` and actions `(m, k)`, by least squares.
 
-    The demonstrations also fix the standardisation of observations. After each pass over them, `report` is called with
-    its mean loss, in squared units of the action scale.
+    The demonstrations also fix the standardisation of observations. Returns the mean loss of each pass over them, in
+    squared units of the action scale.
     """
     policy = agent.policy
     scaler = agent.observation_scaler
@@ -471,7 +630,8 @@ def clone(agent: Agent, observations: NDArray, actions: NDArray, epochs: int, re
     )
     num_batches = -(-len(targets) // _CLONE_BATCH_SIZE)
     scheduler = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * num_batches)
-    for _ in range(epochs):
+    means = []
+    for _ in tqdm(range(epochs), desc="cloning", unit="epoch", disable=None, leave=False):
         losses = []
         for batch in torch.randperm(len(targets)).split(_CLONE_BATCH_SIZE):
             loss = torch.nn.functional.mse_loss(policy.network(inputs[batch]), targets[batch])
@@ -480,8 +640,9 @@ def clone(agent: Agent, observations: NDArray, actions: NDArray, epochs: int, re
             optimizer.step()
             scheduler.step()
             losses.append(loss.item())
-        report(float(np.mean(losses)))
+        means.append(float(np.mean(losses)))
     agent.restart_average()
+    return means
 
 
 def _step_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
@@ -497,16 +658,16 @@ class NetworkController:
 
     labels: Mapping[str, NDArray] = MappingProxyType({})
 
-    def __init__(self, policy: TrainedPolicy, environments: SuiteVectorEnv) -> None:
+    def __init__(self, policy: InitialPolicy, environments: SuiteVectorEnv) -> None:
         """Takes a policy and the environments that it acts in."""
         self._policy = policy
-        self._flatten = environments.composer_task.policy_inputs.flatten
+        self._task: SuiteTask = environments.composer_task
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
         """Does nothing: a network has no state of an episode."""
 
     def act(self, step: BatchStep) -> NDArray:
-        return self._policy(self._flatten(step.observations))
+        return self._policy(self._policy.inputs(step.observations, self._task))
 
 
 class PPOLearner(Learner):
@@ -515,44 +676,60 @@ class PPOLearner(Learner):
     While the agent learns from a batch, the next one is collected with the policy as it was before that update.
     """
 
+    title = "PPO"
+    unit = "control steps"
+
     _actor: Actor  # From `start` on, as the last observations.
     _observations: torch.Tensor
 
-    def __init__(self, environments: SuiteVectorEnv, config: PPOHyperparameters, seed: int) -> None:
-        """Builds the agent of `num_envs` environments of autoreset mode `SameStep`; the seed is also of exploration."""
+    def __init__(
+        self,
+        environments: SuiteVectorEnv,
+        config: PPOHyperparameters,
+        seed: int,
+        initial_policy: InitialPolicy | None = None,
+    ) -> None:
+        """Builds the agent of `num_envs` environments of autoreset mode `SameStep`; the seed is also of exploration.
+
+        With an initial policy, the next `value_batches` batches train the value network alone.
+        """
         torch.manual_seed(seed)
-        self._environments = environments
+        self.environments = environments
         self.config = config
+        self._task: SuiteTask = environments.composer_task
         action_space = environments.single_action_space
         assert isinstance(action_space, spaces.Box)
-        size = spaces.flatdim(environments.single_observation_space)
-        self.agent = Agent(size, action_space, config)
+        # Whether the standardisation of observations has been fitted.
+        self._standardised = initial_policy is not None
+        self._clone = initial_policy if isinstance(initial_policy, ChunkPolicy) else None
+        if initial_policy:
+            self._inputs = functools.partial(initial_policy.inputs, task=self._task)
+            size = initial_policy.mean.size
+            self.agent = Agent(size, action_space, config, network_of(initial_policy))
+            self.agent.observation_scaler.adopt(initial_policy.mean, initial_policy.deviation)
+            self.warmup_batches = config.value_batches
+        else:
+            self._inputs = self._task.policy_inputs.flatten
+            size = spaces.flatdim(environments.single_observation_space)
+            self.agent = Agent(size, action_space, config)
         sizes = config.rollouts, config.num_envs, size, len(config.action_scale)
         self.batch = Batch(*sizes)
         self._next_batch = Batch(*sizes)
         # Metrics of the batch that is learned from next; None before the first one.
         self._collected: dict[str, float] | None = None
         self._updates = concurrent.futures.ThreadPoolExecutor(1)
-        self._task: SuiteTask = environments.composer_task
         self._balance = TaskBalance.of(self._task)
-        # Whether the standardisation of observations has been fitted.
-        self._standardised = False
 
     @property
     def modules(self) -> Mapping[str, Any]:
         return self.agent.modules | ({"balance": self._balance} if self._balance else {})
 
-    def imitate(self, observations: NDArray, actions: NDArray, report: Callable[[float], None]) -> None:
+    def imitate(self, observations: NDArray, actions: NDArray) -> list[float]:
         """Clones demonstrations, as `clone`; the next `value_batches` batches then train the value network alone."""
-        clone(self.agent, observations, actions, self.config.clone_epochs, report)
+        losses = clone(self.agent, observations, actions, self.config.clone_epochs)
         self._standardised = True
         self.warmup_batches = self.config.value_batches
-
-    def adopt(self, policy: TrainedPolicy) -> None:
-        """Starts from a trained policy; the next `value_batches` batches train the value network alone."""
-        adopt_policy(self.agent, policy)
-        self._standardised = True
-        self.warmup_batches = self.config.value_batches
+        return losses
 
     def start(self, seed: int) -> None:
         """Starts episodes at evenly spread times, so that a batch has steps from all parts of an episode.
@@ -561,7 +738,7 @@ class PPOLearner(Learner):
         """
         self._collected = None
         self._actor = Actor(self.agent, self.config.noise_correlation, seed)
-        environments = self._environments
+        environments = self.environments
         count = environments.num_envs
         # Rewards may depend on the steps made before an interruption.
         environments.reset_statistics(total_steps=self.steps // count)
@@ -579,14 +756,16 @@ class PPOLearner(Learner):
                 self.agent.observation_scaler.update(self._observations)
         self._standardised = True
 
-    def export(self, metadata: Mapping[str, Any]) -> TrainedPolicy:
+    def export(self, metadata: Mapping[str, Any]) -> InitialPolicy:
+        if self._clone:
+            return export_clone(self.agent, self._clone, metadata)
         return export_policy(self.agent, metadata)
 
-    def controller(self, policy: TrainedPolicy, environments: SuiteVectorEnv) -> Controller:
+    def controller(self, policy: InitialPolicy, environments: SuiteVectorEnv) -> Controller:
         return NetworkController(policy, environments)
 
-    def load_state(self, checkpoint: Checkpoint) -> None:
-        super().load_state(checkpoint)
+    def load_state(self, state: Mapping[str, Any]) -> None:
+        super().load_state(state)
         self._standardised = True
 
     def learn(self) -> dict[str, float]:
@@ -628,7 +807,7 @@ class PPOLearner(Learner):
         batch.observations[step] = self._observations
         batch.actions[step] = self._actor.explore(self._observations)
         applied = self._applied(batch.actions[step])
-        observations, rewards, terminations, truncations, infos = self._environments.step(applied)
+        observations, rewards, terminations, truncations, infos = self.environments.step(applied)
         batch.rewards[step] = torch.as_tensor(rewards * self.config.reward_scale)
         ended = terminations | truncations
         batch.ended[step] = torch.as_tensor(ended)
@@ -644,7 +823,7 @@ class PPOLearner(Learner):
         return metrics
 
     def _tensor(self, observations: Any) -> torch.Tensor:
-        return torch.as_tensor(self._task.policy_inputs.flatten(observations), dtype=torch.float32)
+        return torch.as_tensor(self._inputs(observations), dtype=torch.float32)
 
     def _applied(self, actions: torch.Tensor) -> NDArray[np.float32]:
         """Returns the actions `(n, k)` of the environments for those of the policy."""
@@ -652,124 +831,136 @@ class PPOLearner(Learner):
 
 
 def train(
-    learner: PPOLearner,
-    run: SeedRun,
-    demonstrations: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None,
-) -> None:
-    """Trains a learner until its run has a reason to stop; a new one clones demonstrations first, if there are any."""
-    if run.resumed and run.stop_reason:
-        return
-    if demonstrations and not run.resumed:
-        with tqdm(total=learner.config.clone_epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
+    folder: Path,
+    spec: EnvironmentSpec,
+    schedule: Schedule,
+    *,
+    seed: int = 0,
+    restarts: int = 3,
+    hyperparameters: Mapping[str, Any] = MappingProxyType({}),
+    training_kwargs: Mapping[str, Any] = MappingProxyType({}),
+    demonstrations: Sequence[Path] = (),
+    initial_policy: Path | None = None,
+    num_threads: int | None = None,
+    resume: bool = False,
+    report: Callable[[str], None] = lambda line: None,
+) -> Path:
+    """Trains a policy; with more seeds where there is no progress.
 
-            def report(loss: float) -> None:
-                bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
-                bar.update()
+    The folder gets a folder for each seed, with curves for TensorBoard and the last checkpoints, and the best policy.
 
-            learner.imitate(*demonstrations, report)
-    with run:
-        if not run.stop_reason:
-            learner.start(run.episode_seed)
-        run.begin()
-        while not run.stop_reason:
-            run.record(learner.learn())
+    Args:
+      folder: of the run.
+      spec: of the environments that the policy is evaluated in.
+      schedule: when the policy is evaluated, and when training stops; see `recipes.find_schedule`.
+      seed: first seed.
+      restarts: number of additional seeds to try where one is given up.
+      hyperparameters: changes to those of the domain's recipe, by name.
+      training_kwargs: arguments of the environments that are trained in; they replace the recipe's.
+      demonstrations: folders of recordings that are cloned before the first step.
+      initial_policy: file of a policy to start from.
+      num_threads: number of threads that step the environments; one per processor when None.
+      resume: whether to continue the run in the folder from its newest checkpoints.
+      report: called with each line of a table of the evaluations.
 
+    Returns the file of the best policy.
 
-class PPOTraining:
-    """The environments, hyperparameters and data of a run by PPO, of which each seed makes a learner.
-
-    Attributes:
-      title: name of the algorithm.
-      steps: name of the steps that it counts.
-      config: hyperparameters.
-      training_kwargs: arguments of the environments that are trained in alone.
-      max_episode_steps: of evaluations.
-      environments: that are trained in.
-      demonstrations: observations `(m, n)` and actions `(m, k)` that are cloned first; None for none.
-      data: arrays that are learned or started from.
+    Raises:
+      DivergedError: learning diverged.
+      OSError: a file cannot be read or written.
+      ValueError: an argument is not valid, or the folder holds another run.
     """
+    if initial_policy and demonstrations:
+        raise ValueError("an initial policy and demonstrations both give a policy to start from: give one of them")
+    if schedule.num_steps == 0 and not demonstrations:
+        raise ValueError("num_steps 0 is for cloning alone, which needs demonstrations")
+    check_observed(spec, PPO)
+    initial = load_initial_policy(initial_policy, spec) if initial_policy else None
+    is_cloned = bool(demonstrations) or isinstance(initial, ChunkPolicy)
+    config = PPOHyperparameters.for_domain(spec.domain_name, hyperparameters, cloning=is_cloned)
+    training_kwargs = _training_kwargs(spec, training_kwargs, is_cloned=is_cloned)
+    trained_in = _training_spec(spec, training_kwargs)
+    options = {"autoreset_mode": AutoresetMode.SAME_STEP, **spec.env_class.flat_options}
+    with contextlib.ExitStack() as stack:
+        environments = trained_in.make_vector_env(config.num_envs, num_threads, **options)
+        stack.callback(environments.close)
+        task = environments.composer_task
+        config = config.for_actions(task.mdp.action_mode.spec(task.robot))
+        if initial:
+            config = _with_scale_of(initial, config, is_given="action_scale" in hyperparameters)
+        demonstrated = _load_demonstrations(demonstrations, spec, environments) if demonstrations else ()
+        evaluation = dataclasses.replace(spec, max_episode_steps=trained_in.max_episode_steps)
+        evaluated = stack.enter_context(evaluation_environments(evaluation, schedule, num_threads))
+        stack.enter_context(one_thread())
+        description = RunDescription(
+            domain_name=spec.domain_name,
+            task_name=spec.task_name,
+            task_kwargs=dict(spec.task_kwargs),
+            training_kwargs=training_kwargs,
+            hyperparameters=dataclasses.asdict(config),
+            seed=seed,
+            algorithm=PPO,
+            data_sha256=digest_of([*demonstrated, *(initial.arrays.values() if initial else ())]),
+        )
 
-    title = "PPO"
-    steps = "control steps"
+        def make_learner(seed: int) -> PPOLearner:
+            return PPOLearner(environments, config, seed, initial)
 
-    def __init__(
-        self,
-        spec: EnvironmentSpec,
-        *,
-        hyperparameters: Mapping[str, Any] = MappingProxyType({}),
-        training_kwargs: Mapping[str, Any] = MappingProxyType({}),
-        demonstrations: Sequence[Path] = (),
-        initial_policy: Path | None = None,
-        num_threads: int | None = None,
-    ) -> None:
-        """Makes the environments, and reads what is learned from.
-
-        Args:
-          spec: of the environments that policies are evaluated in.
-          hyperparameters: changes to the domain's, by name.
-          training_kwargs: arguments of the environments that are trained in; they replace the domain's.
-          demonstrations: folders of recordings that are cloned before the first step.
-          initial_policy: file of a policy to start from.
-          num_threads: that step the environments; one for each processor by default.
-        """
-        check_observed(spec, "ppo")
-        if initial_policy and demonstrations:
-            raise ValueError("an initial policy and demonstrations both give a policy to start from: give one of them")
-        self.training_kwargs = _training_kwargs(spec, training_kwargs, clones=bool(demonstrations))
-        config = PPOHyperparameters.for_domain(spec.domain_name, hyperparameters, cloning=bool(demonstrations))
-        arguments = {**spec.task_kwargs, **self.training_kwargs}
-        if (steps := arguments.pop("max_episode_steps", None)) is not None:
-            checks.integer(steps, "max_episode_steps", minimum=1)
-        training = EnvironmentSpec.make(spec.domain_name, spec.task_name, arguments, steps)
-        training.make_environment().close()
-        self.max_episode_steps = training.max_episode_steps
-        options = {"autoreset_mode": AutoresetMode.SAME_STEP, **spec.env_class.flat_options}
-        self.environments = training.make_vector_env(config.num_envs, num_threads, **options)
-        with closed_on_error([self]):
-            task = self.environments.composer_task
-            self.config = config.for_actions(task.mdp.action_mode.spec(task.robot))
-            self._initial_policy = _load_initial_policy(initial_policy, spec) if initial_policy else None
-            self.demonstrations = self._load_demonstrations(demonstrations, spec) if demonstrations else None
-        given = self._initial_policy.arrays.values() if self._initial_policy else ()
-        self.data: tuple[NDArray, ...] = (*(self.demonstrations or ()), *given)
-
-    def make_learner(self, seed: int) -> PPOLearner:
-        """Returns a new learner."""
-        learner = PPOLearner(self.environments, self.config, seed)
-        if self._initial_policy:
-            learner.adopt(self._initial_policy)
-        return learner
-
-    def train(self, run: Run, seed: int) -> SeedRun:
-        """Trains with a seed of a run, or continues; returns the run of the seed."""
-        learner = self.make_learner(seed)
-        seed_run = run.of_seed(seed, learner)
-        train(learner, seed_run, self.demonstrations)
-        return seed_run
-
-    def close(self) -> None:
-        """Closes the environments."""
-        self.environments.close()
-
-    def _load_demonstrations(self, folders: Sequence[Path], spec: EnvironmentSpec) -> tuple[NDArray, NDArray]:
-        """Returns the observations and actions to clone; raises as `load_to_clone`."""
-        size = spaces.flatdim(self.environments.single_observation_space)
-        expected = (size,), self.environments.single_action_space.shape
-        loaded = [load_to_clone(folder, spec) for folder in folders]
-        for folder, arrays in zip(folders, loaded, strict=True):
-            if (found := tuple(each.shape[1:] for each in arrays)) != expected:
-                problem = f"observations and actions of shapes {found}, but this task has {expected}"
-                raise ValueError(f"{folder} holds {problem}")
-        observations, actions = map(np.concatenate, zip(*loaded, strict=True))
-        return observations, actions
+        for run in seed_runs(
+            folder, description, schedule, evaluated, make_learner, restarts=restarts, resume=resume, report=report
+        ):
+            learner = run.learner
+            if demonstrated and not run.resumed:
+                learner.imitate(*demonstrated)
+            with run:
+                if not run.stop_reason:
+                    learner.start(run.episode_seed)
+                run.begin()
+                while not run.stop_reason:
+                    run.record(learner.learn())
+    return folder / POLICY_FILE
 
 
-def _training_kwargs(spec: EnvironmentSpec, changes: Mapping[str, Any], *, clones: bool) -> dict[str, Any]:
+def load_initial_policy(path: Path, spec: EnvironmentSpec) -> InitialPolicy:
+    """Returns the policy to start from; raises as `load_policy`, and as `check_same`.
+
+    PPO learns a distribution of the next action given the state: a clone's chunks are cut to their first action, and
+    one that applies several is refused.
+    """
+    policy = load_policy(path)
+    domain, task_name, arguments = (policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs"))
+    if domain != spec.domain_name:
+        raise ValueError(f"{path} is a policy of the domain {domain}, not of {spec.domain_name}")
+    suite.check_named(domain, arguments)
+    recorded = EnvironmentSpec.make(domain, task_name, arguments)
+    check_same(path, recorded, spec, (*OBSERVATION_OPTIONS, *suite.find_domain(domain).control_options))
+    try:
+        with spec.make_environment() as environment:
+            policy.check_fits(suite_env(environment).composer_task)
+        if isinstance(policy, ChunkPolicy):
+            return policy.of_single_actions()
+    except ValueError as error:
+        raise ValueError(f"PPO cannot start from {path}: {error}") from error
+    assert isinstance(policy, PerceptronPolicy)
+    return policy
+
+
+def _with_scale_of(policy: InitialPolicy, config: PPOHyperparameters, *, is_given: bool) -> PPOHyperparameters:
+    """Returns the hyperparameters with the action scale of a policy; one that is given has to be the same."""
+    if np.array_equal(np.array(config.action_scale, np.float32), policy.action_scale):
+        return config
+    scale = tuple(policy.action_scale.tolist())
+    if is_given:
+        raise ValueError(f"action_scale must be that of the initial policy, {scale}, got {config.action_scale}")
+    return dataclasses.replace(config, action_scale=scale)
+
+
+def _training_kwargs(spec: EnvironmentSpec, changes: Mapping[str, Any], *, is_cloned: bool) -> dict[str, Any]:
     """Returns the arguments of the environments that are trained in, which replace those of the task.
 
-    The domain's are left out where the task's arguments have them, and where demonstrations are cloned.
+    The domain's are left out where the task's arguments have them, and where the policy is cloned.
     """
-    own = {} if clones else find_recipe(spec.domain_name).options
+    own = {} if is_cloned else find_recipe(spec.domain_name).options
     given = {*spec.task_kwargs, *suite.task_arguments(spec.domain_name, spec.task_name)}
     defaults = {option: value for option, value in own.items() if option not in given}
     changes = suite.find_domain(spec.domain_name).with_contents(changes)
@@ -780,13 +971,26 @@ def _training_kwargs(spec: EnvironmentSpec, changes: Mapping[str, Any], *, clone
     return arguments
 
 
-def _load_initial_policy(path: Path, spec: EnvironmentSpec) -> TrainedPolicy:
-    """Returns the policy to start from; raises as `TrainedPolicy.load`, and as `check_same`."""
-    policy = TrainedPolicy.load(path)
-    domain, task, arguments = (policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs"))
-    if domain != spec.domain_name:
-        raise ValueError(f"{path} is a policy of the domain {domain}, not of {spec.domain_name}")
-    suite.check_named(domain, arguments)
-    trained = EnvironmentSpec.make(domain, task, arguments)
-    check_same(path, trained, spec, (*OBSERVATION_OPTIONS, *suite.find_domain(domain).control_options))
-    return policy
+def _training_spec(spec: EnvironmentSpec, training_kwargs: Mapping[str, Any]) -> EnvironmentSpec:
+    """Returns the specification of the environments that are trained in, of which one has been made."""
+    arguments = {**spec.task_kwargs, **training_kwargs}
+    if (steps := arguments.pop("max_episode_steps", None)) is not None:
+        checks.integer(steps, "max_episode_steps", minimum=1)
+    trained_in = EnvironmentSpec.make(spec.domain_name, spec.task_name, arguments, steps)
+    trained_in.make_environment().close()
+    return trained_in
+
+
+def _load_demonstrations(
+    folders: Sequence[Path], spec: EnvironmentSpec, environments: SuiteVectorEnv
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Returns the observations `(m, n)` and actions `(m, k)` to clone; raises as `load_to_clone`."""
+    size = spaces.flatdim(environments.single_observation_space)
+    expected = (size,), environments.single_action_space.shape
+    loaded = [load_to_clone(folder, spec) for folder in folders]
+    for folder, arrays in zip(folders, loaded, strict=True):
+        if (found := tuple(each.shape[1:] for each in arrays)) != expected:
+            problem = f"observations and actions of shapes {found}, but this task has {expected}"
+            raise ValueError(f"{folder} holds {problem}")
+    observations, actions = map(np.concatenate, zip(*loaded, strict=True))
+    return observations, actions

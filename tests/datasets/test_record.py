@@ -26,7 +26,7 @@ from kitchen_suite.episodes.episode import flatten
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
-from kitchen_suite.policies.trained import shipped_as
+from kitchen_suite.policies.files import shipped_as
 from kitchen_suite.tasks.open_cabinet import rewards as drawer_reward
 from kitchen_suite.vector_env import base as vector_base
 

@@ -9,6 +9,9 @@ from docs_scripts import load_script
 PAGES = [page for page in sorted((ROOT / "docs").rglob("*.md")) if "<!-- table: " in page.read_text(encoding="utf-8")]
 # Their tables are made from environments of every domain, control mode and observation type.
 SLOW_PAGES = ("control_modes.md", "entities.md", "observations.md", "variations.md")
+# Their tables are made from modules that import PyTorch.
+TORCH_PAGES = ("imitation.md", "training.md")
+MARKS = dict.fromkeys(SLOW_PAGES, pytest.mark.full) | dict.fromkeys(TORCH_PAGES, pytest.mark.torch)
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +26,7 @@ def test_every_table_is_used(tables):
 
 @pytest.mark.parametrize(
     "page",
-    [pytest.param(page, marks=pytest.mark.full) if page.name in SLOW_PAGES else page for page in PAGES],
+    [pytest.param(page, marks=MARKS.get(page.name, ())) for page in PAGES],
     ids=lambda path: path.name,
 )
 def test_tables_are_current(tables, page):

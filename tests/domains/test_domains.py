@@ -20,7 +20,7 @@ from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.gymnasium_env import FrankaMicrowaveTableEnv, SuiteEnv
 from kitchen_suite.policies import experts
 from kitchen_suite.tasks import GOALS, KitchenTask, MicrowaveTableTask
-from kitchen_suite.training.recipes import PPOHyperparameters, Recipe
+from kitchen_suite.training.recipes import Recipe, find_recipe
 from kitchen_suite.vector_env import FrankaMicrowaveTableVectorEnv, SuiteVectorEnv
 
 # A record over the kitchen's classes, one of whose tasks has the name of one of the kitchen's.
@@ -58,7 +58,7 @@ def test_a_registered_domain_is_in_every_table():
     assert gymnasium_env.IDS["pantry"] == "Mine/Pantry-v3"
     assert gymnasium_env.TASK_IDS["pantry", "open_all"] == "Mine/PantryOpenAll-v3"
     assert gymnasium.registry.keys() >= IDS
-    assert PPOHyperparameters.for_domain("pantry", {}) == PPOHyperparameters(num_envs=5)
+    assert find_recipe("pantry") is RECIPE
 
 
 @pytest.mark.full
@@ -245,8 +245,10 @@ def test_a_bad_record_is_refused(changes, error, shown):
     assert "\n" not in str(raised.value)
 
 
-@pytest.mark.full
+@pytest.mark.torch
 def test_a_domain_without_hyperparameters_trains_on_the_range_of_its_actions():
+    from kitchen_suite.training.ppo import PPOHyperparameters
+
     for domain, scale in (("kitchen", (1.0,) * 9), ("microwave_table", (*(0.01,) * 7, 2.0))):
         task = suite.load(domain, suite.default_task(domain), {"visuals": False}).task
         spec = task.mdp.action_mode.spec(task.robot)

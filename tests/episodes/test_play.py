@@ -18,8 +18,8 @@ from helpers.processes import open_process
 from kitchen_suite import installation
 from kitchen_suite.commands import play, rollout
 from kitchen_suite.environment import Environment
-from kitchen_suite.policies import trained as trained_policy
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies import files as policy_files
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.rendering import gl
 
 COMMAND = [sys.executable, "-m", "kitchen_suite", "play"]
@@ -31,7 +31,7 @@ SMALL = ("--width=96", "--height=70")
 
 def write_policy(path, task_name="top_drawer", metadata=None, **task_kwargs):
     """Writes a policy whose action is constant: it moves the robot a little."""
-    TrainedPolicy(
+    PerceptronPolicy(
         mean=np.zeros(OBSERVATION_SIZE, np.float32),
         deviation=np.ones(OBSERVATION_SIZE, np.float32),
         clip=5.0,
@@ -160,7 +160,7 @@ def test_a_policy_of_a_task_that_does_not_exist_here_is_played(tmp_path, monkeyp
 
 def test_without_a_file_it_plays_the_policy_that_grasps(run, tmp_path, monkeypatch):
     write_policy(tmp_path / "top_drawer_grasp.npz")
-    monkeypatch.setattr(trained_policy, "SHIPPED", tmp_path)
+    monkeypatch.setattr(policy_files, "SHIPPED", tmp_path)
     status, out, _ = run("--novideo", "--num_episodes=1", file=None)
     assert status == 0
     assert "top_drawer_grasp.npz" in out.splitlines()[0]
@@ -168,7 +168,7 @@ def test_without_a_file_it_plays_the_policy_that_grasps(run, tmp_path, monkeypat
 
 def test_other_policies_that_come_with_the_package_are_played_by_name(run, tmp_path, monkeypatch):
     write_policy(tmp_path / "bottom.npz", task_name="bottom_drawer", reward="grasp")
-    monkeypatch.setattr(trained_policy, "SHIPPED", tmp_path)
+    monkeypatch.setattr(policy_files, "SHIPPED", tmp_path)
     status, out, _ = run("--novideo", "--num_episodes=1", "--shipped=bottom", file=None)
     assert status == 0
     assert out.startswith("open_cabinet bottom_drawer, policy trained(file='")
@@ -189,7 +189,7 @@ def test_the_list_names_the_physics_of_training_and_of_the_success(run, tmp_path
     write_policy(shipped / "carried_over.npz", metadata={**trained, "training_kwargs": {"physics": "fast"}})
     write_policy(shipped / "exact.npz", metadata={**trained, "training_kwargs": None})
     write_policy(shipped / "fast.npz", metadata=trained, physics="fast")
-    monkeypatch.setattr(trained_policy, "SHIPPED", shipped)
+    monkeypatch.setattr(policy_files, "SHIPPED", shipped)
     status, out, _ = run("--list", file=None)
     assert status == 0
     rows = [re.split(r"\s{2,}", line.strip()) for line in out.splitlines()]
@@ -228,9 +228,9 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, tmp_path, argument):
 @pytest.mark.full
 def test_a_policy_of_other_sizes_gets_one_line_and_status_2(run, tmp_path):
     path = tmp_path / "policy.npz"
-    policy = TrainedPolicy.load(path)
+    policy = PerceptronPolicy.load(path)
     known = {**policy.metadata, "domain_name": "kitchen", "task_name": "kettle", "task_kwargs": {}}
-    TrainedPolicy(**{**vars(policy), "metadata": known}).save(path)
+    PerceptronPolicy(**{**vars(policy), "metadata": known}).save(path)
     status, _, err = run("--novideo")
     assert status == 2
     assert re.fullmatch(

@@ -12,7 +12,7 @@ from kitchen_suite import EnvironmentSpec
 from kitchen_suite.commands import evaluate
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.policies import PolicyError, PolicyRef, load_policy
-from kitchen_suite.policies.trained import SHIPPED, shipped_as
+from kitchen_suite.policies.files import SHIPPED, shipped_as
 
 LIMIT = 12
 

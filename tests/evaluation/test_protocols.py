@@ -30,7 +30,7 @@ from kitchen_suite.evaluation.protocols import (
 )
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyRef
-from kitchen_suite.policies.trained import shipped_as
+from kitchen_suite.policies.files import shipped_as
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 

@@ -70,7 +70,7 @@ def test_a_receipt_is_confirmed_without_the_policy(run, flags):
 @pytest.mark.full
 def test_the_policy_may_be_gone(run, tmp_path):
     source = tmp_path / "gone.npz"
-    from kitchen_suite.policies.trained import shipped_as
+    from kitchen_suite.policies.files import shipped_as
 
     source.write_bytes(shipped_as("kettle").read_bytes())
     flags = ["--policy=trained(file='gone.npz')", "--task_name=kettle", "--receipt=a.npz"]

@@ -18,16 +18,15 @@ def environments(count, mode=AutoresetMode.SAME_STEP, domain="open_cabinet", **s
     return gymnasium.make_vec(name, count, vectorization_mode="vector_entry_point", **arguments)
 
 
-def learner(envs, seed=0, domain="open_cabinet", **changes):
+def learner(envs, seed=0, domain="open_cabinet", initial_policy=None, **changes):
     """Returns a new learner in the environments."""
     import torch
 
-    from kitchen_suite.training.ppo import PPOLearner
-    from kitchen_suite.training.recipes import PPOHyperparameters
+    from kitchen_suite.training.ppo import PPOHyperparameters, PPOLearner
 
     # As in a training run.
     torch.set_num_threads(1)
-    return PPOLearner(envs, PPOHyperparameters.for_domain(domain, {**SMALL, **changes}), seed)
+    return PPOLearner(envs, PPOHyperparameters.for_domain(domain, {**SMALL, **changes}), seed, initial_policy)
 
 
 def assert_same_state(one, other):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import policies, suite
-from kitchen_suite.policies.trained import shipped
+from kitchen_suite.policies.files import shipped
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES
 
 STEPS = 20

@@ -13,7 +13,8 @@ from kitchen_suite.commands import play as play_command
 from kitchen_suite.commands import rollout as rollout_command
 from kitchen_suite.gymnasium_env import KITCHEN_ID, FrankaKitchenEnv
 from kitchen_suite.policies import find, load_policy
-from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy, shipped, shipped_as
+from kitchen_suite.policies.files import SHIPPED, shipped, shipped_as
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.tasks import DEFAULT_TASKS
 
 TASKS = [task.replace(" ", "_") for task in DEFAULT_TASKS]
@@ -28,7 +29,7 @@ def through_suite(task, count):
 
 
 def through_vector(task, count):
-    policy = TrainedPolicy.load(shipped_as(task))
+    policy = PerceptronPolicy.load(shipped_as(task))
     arguments = {"goal_format": "flat", "info_format": "arrays", **suite.task_arguments("kitchen", task)}
     with contextlib.closing(many(KITCHEN_ID, count, **arguments)) as environments:
         flatten = environments.composer_task.policy_inputs.flatten
@@ -50,7 +51,7 @@ def test_it_does_its_task_nearly_always(play_episodes, task):
 
 def test_a_policy_comes_with_the_package_for_each_of_the_seven_tasks():
     for task in TASKS:
-        policy = TrainedPolicy.load(shipped_as(task))
+        policy = PerceptronPolicy.load(shipped_as(task))
         assert (policy.metadata["domain_name"], policy.metadata["task_name"]) == ("kitchen", task)
         assert policy.metadata["task_kwargs"] == {}
         assert policy.metadata["training"]["success"] >= 0.95

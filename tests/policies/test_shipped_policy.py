@@ -11,7 +11,8 @@ from helpers.vectors import many
 
 from kitchen_suite import suite
 from kitchen_suite.policies import find
-from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
+from kitchen_suite.policies.files import shipped_as
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 
 CABINET = "kitchen_suite.gymnasium_env:KitchenSuite/FrankaOpenCabinet-v1"
 
@@ -32,7 +33,7 @@ def through_suite(reward, count):
 
 
 def through_gymnasium(reward, count):
-    policy = TrainedPolicy.load(shipped_as(POLICIES[reward]))
+    policy = PerceptronPolicy.load(shipped_as(POLICIES[reward]))
     found = 0
     with gymnasium.make(CABINET, reward=reward) as environment:
         for seed in range(UNSEEN, UNSEEN + count):
@@ -46,7 +47,7 @@ def through_gymnasium(reward, count):
 
 
 def through_vector(reward, count):
-    policy = TrainedPolicy.load(shipped_as(POLICIES[reward]))
+    policy = PerceptronPolicy.load(shipped_as(POLICIES[reward]))
     with contextlib.closing(many(CABINET, count, reward=reward)) as environments:
         return successes_together(environments, policy, UNSEEN)
 
@@ -111,7 +112,7 @@ def test_the_policy_of_the_grasp_reward_pulls_with_both_pads_in_twenty_episodes(
 
 @pytest.mark.parametrize("name", POLICIES.values())
 def test_actions_are_deterministic(name):
-    policy = TrainedPolicy.load(shipped_as(name))
+    policy = PerceptronPolicy.load(shipped_as(name))
     observations = np.random.default_rng(0).uniform(-1, 1, (4, policy.observation_size)).astype(np.float32)
     assert np.array_equal(policy(observations), policy(observations))
     assert policy(observations).std(axis=0).min() > 0

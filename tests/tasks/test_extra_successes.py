@@ -227,7 +227,7 @@ def test_recordings_and_replays_count_it(tmp_path):
 @pytest.mark.parametrize("is_met", [True, False])
 def test_training_keeps_checkpoints_by_it(is_met, tmp_path):
     """No policy opens the door so soon: the success of the kept policy is that of a condition that is always met."""
-    from kitchen_suite.training.train import train
+    from kitchen_suite.training.ppo import train
 
     def condition(step):
         return np.full(step.action.shape[:-1], is_met)

@@ -12,18 +12,23 @@ SMALL = {"num_envs": 2, "hidden": [8], "rollouts": 4, "mini_batches": 1}
 
 @pytest.fixture
 def prepared(capsys, monkeypatch, tmp_path):
-    """Returns a function that prepares a training by flags; it returns training and run, or the error."""
+    """Returns a function that prepares a training by flags; it returns learner and evaluations, or the error.
+
+    Of the evaluations it returns the environments; the learner has its own, and the run is described in its folder.
+    """
     # Test modules are collected where there is no PyTorch too.
-    from kitchen_suite.training.run import StopReason
+    from kitchen_suite.training import ppo, run
 
     monkeypatch.chdir(tmp_path)
     found = []
 
-    def keep(training, run, seed, schedule):
-        found.append((training, run))
-        return StopReason.STEPS
+    def keep(folder, description, schedule, environments, make_learner, **options):
+        for seed_run in run.seed_runs(folder, description, schedule, environments, make_learner, **options):
+            found.append((seed_run.learner, environments))
+            return
+            yield
 
-    monkeypatch.setattr("kitchen_suite.training.train._train_seed", keep)
+    monkeypatch.setattr(ppo, "seed_runs", keep)
     # They are looked at after the command has ended.
     monkeypatch.setattr(SuiteVectorEnv, "close", lambda self: None)
 

@@ -63,17 +63,13 @@ def test_tasks_that_draw_nothing_have_no_balance():
 
 
 def test_a_resumed_run_draws_tasks_as_often_as_before(envs):
-    from kitchen_suite.training.checkpoints import Checkpoint
-
     taught = learner(envs, domain="kitchen", action_scale=[0.1] * 9)
     taught.modules["balance"].add(infos_of([[1, 0]], [[1, 0]]), np.array([True]))
     weights = envs.composer_task.task_weights.copy()
     assert weights[0] < weights[1]
-    nothing = {"seconds": 0.0, "processor_seconds": 0.0, "best": (0.0, 0.0), "progress": 0.0, "successes": []}
-    stored = Checkpoint(**copy.deepcopy(taught.state()), **nothing)
+    stored = copy.deepcopy(taught.state())
     taught.modules["balance"].add(infos_of([[0, 1]] * 9, [[0, 1]] * 9), np.full(9, True))
     resumed = learner(envs, domain="kitchen", action_scale=[0.1] * 9)
-    resumed.check_fits(stored)
     resumed.load_state(stored)
     np.testing.assert_array_equal(envs.composer_task.task_weights, weights)
 

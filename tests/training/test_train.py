@@ -17,7 +17,8 @@ from helpers.processes import open_process
 from kitchen_suite import installation
 from kitchen_suite.commands import play, train
 from kitchen_suite.episodes import video
-from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
+from kitchen_suite.policies.files import SHIPPED
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.rendering import gl
 
 clients = pytest.mark.clients
@@ -86,7 +87,7 @@ def test_a_run_leaves_a_policy_curves_and_the_last_checkpoints(run):
     assert out.splitlines()[-1] == "best policy: run/policy.npz"
     assert sorted(os.listdir("run")) == ["policy.npz", "seed_0", "training.json"]
     assert files("run/seed_0") == [*map(checkpoint, (6, 8, 10)), "last_policy.npz", "policy.npz"]
-    policy = TrainedPolicy.load("run/policy.npz")
+    policy = PerceptronPolicy.load("run/policy.npz")
     assert (policy.metadata["domain_name"], policy.metadata["task_name"]) == ("open_cabinet", "top_drawer")
     assert policy.metadata["hyperparameters"]["num_envs"] == SMALL["num_envs"]
     assert [weight.shape for weight in policy.weights] == [(8, 25), (8, 8)]
@@ -123,7 +124,7 @@ def test_a_run_is_evaluated_at_its_end(run):
 def test_the_best_policy_is_kept(run, evaluations):
     evaluations[:] = [{"success": success, "progress": 0.0, "return": 1.0} for success in (0.1, 0.5, 0.5, 0.2)]
     assert run()[0] == 0
-    training = TrainedPolicy.load("run/policy.npz").metadata["training"]
+    training = PerceptronPolicy.load("run/policy.npz").metadata["training"]
     assert training == {"seed": 0, "steps": 2 * BATCH, "success": 0.5, "return": 1.0}
 
 
@@ -161,7 +162,7 @@ def test_the_best_seeds_policy_becomes_the_runs(run, evaluations):
     returns = [0.0, 1.0, 0.0, 3.0, 0.0, 2.0]
     evaluations[:] = [{"success": 0.0, "progress": 0.0, "return": value} for value in returns]
     run("--patience=64", "--restarts=2")
-    assert TrainedPolicy.load("run/policy.npz").metadata["training"]["seed"] == 1
+    assert PerceptronPolicy.load("run/policy.npz").metadata["training"]["seed"] == 1
 
 
 @clients
@@ -210,7 +211,7 @@ def test_a_finished_run_names_what_trains_it_on(run, evaluations, name):
 def test_the_policy_of_an_interrupted_run_lies_where_that_of_a_finished_one_does(run, evaluations):
     evaluations[:] = [{"success": success, "progress": 0.1, "return": 1.0} for success in (0.1, 0.4, 0.3)] + [None]
     assert run()[0] == 130
-    assert TrainedPolicy.load("run/policy.npz").metadata["training"]["steps"] == 2 * BATCH
+    assert PerceptronPolicy.load("run/policy.npz").metadata["training"]["steps"] == 2 * BATCH
 
 
 @clients
@@ -218,7 +219,7 @@ def test_the_policy_of_an_earlier_seed_stays_until_a_better_one_is_found(run, ev
     found = [{"success": success, "progress": 0.0, "return": 1.0} for success in (0.1, 0.4, 0.3, 0.2)]
     evaluations[:] = [*found, None]
     assert run("--patience=64")[0] == 130
-    training = TrainedPolicy.load("run/policy.npz").metadata["training"]
+    training = PerceptronPolicy.load("run/policy.npz").metadata["training"]
     assert (training["seed"], training["success"]) == (0, 0.4)
 
 
@@ -228,10 +229,10 @@ def test_resuming_does_not_replace_the_policy_of_the_best_seed_by_that_of_the_fi
     found = [{"success": success, "progress": progress, "return": 1.0} for success, progress in of_seeds]
     evaluations[:] = [*found, None]
     assert run("--patience=64")[0] == 130
-    assert TrainedPolicy.load("run/policy.npz").metadata["training"]["seed"] == 1
+    assert PerceptronPolicy.load("run/policy.npz").metadata["training"]["seed"] == 1
     evaluations[:] = [None]
     assert run("--patience=64", "--resume")[0] == 130
-    assert TrainedPolicy.load("run/policy.npz").metadata["training"]["seed"] == 1
+    assert PerceptronPolicy.load("run/policy.npz").metadata["training"]["seed"] == 1
 
 
 @clients
@@ -264,26 +265,17 @@ def test_a_finished_run_stays_as_it_is(run):
 
 
 @clients
-def test_a_truncated_checkpoint_is_reported_and_the_one_before_used(run):
+def test_a_truncated_checkpoint_is_reported_in_one_line_and_without_it_the_one_before_used(run):
     run()
     path = f"run/seed_0/{checkpoint(6)}"
     os.truncate(path, os.path.getsize(path) // 2)
-    status, out, _ = run("--resume")
-    assert status == 0
-    assert re.search(rf"^{path} does not hold a checkpoint \(.+\); trying the checkpoint before it$", out, re.M)
-    assert rows(out) == [(0, 6 * BATCH)]
-
-
-@clients
-@pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
-def test_unreadable_checkpoints_are_reported_in_one_line(run, share):
-    run()
-    for batches in (2, 4, 6):
-        path = f"run/seed_0/{checkpoint(batches)}"
-        os.truncate(path, int(share * os.path.getsize(path)))
     status, _, err = run("--resume")
     assert (status, err.count("\n")) == (1, 1)
-    assert err.startswith("kitchen-train: none of the 3 checkpoints in run/seed_0 can be read: ")
+    assert err.startswith(f"kitchen-train: {path} does not hold a checkpoint")
+    os.remove(path)
+    status, out, _ = run("--resume")
+    assert status == 0
+    assert rows(out) == [(0, 6 * BATCH)]
 
 
 @pytest.fixture
@@ -368,7 +360,6 @@ BAD = {
     '--hyperparameters={"num_envs": 1000000000000}': ["num_envs", "65536"],
     "--initial_policy=nowhere.npz": ["nowhere.npz"],
     f"--initial_policy={SHIPPED / 'kettle.npz'}": ["open_cabinet"],
-    f"--initial_policy={SHIPPED / 'top_drawer.npz'}": ["the policy has layers"],
     "--demonstrations=nowhere": ["there is no recording in nowhere"],
     "--num_steps=0": ["demonstrations"],
 }

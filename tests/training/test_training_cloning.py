@@ -87,8 +87,8 @@ def test_demonstrations_that_are_not_finite_are_refused(demonstrations, tmp_path
 def test_cloning_lowers_the_loss_and_the_policy_imitates(samples, make_learner):
     from kitchen_suite.training.ppo import export_policy
 
-    clone, losses = make_learner(), []
-    clone.imitate(*samples, losses.append)
+    clone = make_learner()
+    losses = clone.imitate(*samples)
     assert len(losses) == 500
     assert losses[-1] < 0.1 * losses[0]
     observations, actions = samples
@@ -99,7 +99,7 @@ def test_cloning_lowers_the_loss_and_the_policy_imitates(samples, make_learner):
 
 def test_after_cloning_values_are_learned_before_the_policy_changes(samples, make_learner):
     clone = make_learner(value_batches=2, kl_target=0.008)
-    clone.imitate(*samples, lambda loss: None)
+    clone.imitate(*samples)
     clone.start(0)
 
     def state():
@@ -139,7 +139,7 @@ def test_a_run_clones_first(demonstrations, tmp_path, capsys, monkeypatch):
 
     def counted(agent, observations, *rest):
         cloned.append(len(observations))
-        clone(agent, observations, *rest)
+        return clone(agent, observations, *rest)
 
     monkeypatch.setattr(ppo, "clone", counted)
     arguments = [*ARGUMENTS, f"--demonstrations={demonstrations}", f"--output={tmp_path / 'run'}"]
@@ -244,7 +244,7 @@ def test_goals_recorded_by_task_are_flattened_in_the_order_of_flat_goals(tmp_pat
 
 
 def test_without_steps_a_run_clones_evaluates_once_and_writes_the_policy(tmp_path, capsys):
-    from kitchen_suite.policies.trained import TrainedPolicy
+    from kitchen_suite.policies.perceptron import PerceptronPolicy
 
     record_kitchen(tmp_path / "episodes", {})
     scale = json.dumps({**SMALL, "action_scale": [0.1] * 9, "clone_epochs": 3})
@@ -257,7 +257,7 @@ def test_without_steps_a_run_clones_evaluates_once_and_writes_the_policy(tmp_pat
     assert "seed 0: all steps were made" in out
     assert err == ""
     assert [path.name for path in tmp_path.glob("run/seed_0/checkpoint_*")] == ["checkpoint_000000000000.pt"]
-    policy = TrainedPolicy.load(tmp_path / "run" / "policy.npz")
+    policy = PerceptronPolicy.load(tmp_path / "run" / "policy.npz")
     assert policy.metadata["training"]["steps"] == 0
     # It has been cloned: the recorded actions are zero, and the standardisation is that of the demonstrations.
     assert policy.mean.any()
@@ -273,8 +273,7 @@ def test_large_actions_are_imitated_up_to_their_saturation(make_learner):
     clone = make_learner()
     observations = np.random.default_rng(0).normal(size=(600, 25)).astype(np.float32)
     actions = np.tile(50 * clone.agent.policy.scale.numpy(), (600, 1))
-    losses = []
-    clone.imitate(observations, actions, losses.append)
+    losses = clone.imitate(observations, actions)
     # The first outputs are near zero, five units away.
     assert losses[0] <= 5.0**2 + 0.1
     assert losses[-1] < 2.0
@@ -283,7 +282,7 @@ def test_large_actions_are_imitated_up_to_their_saturation(make_learner):
 def test_later_observations_do_not_change_the_standardisation_of_a_clone(make_learner):
     clone = make_learner()
     observations = np.random.default_rng(0).normal(size=(600, 25)).astype(np.float32)
-    clone.imitate(observations, np.zeros((600, 8), np.float32), lambda loss: None)
+    clone.imitate(observations, np.zeros((600, 8), np.float32))
     scaler = clone.agent.observation_scaler
     before = scaler.running_mean.clone()
     clone.start(0)
@@ -291,15 +290,19 @@ def test_later_observations_do_not_change_the_standardisation_of_a_clone(make_le
     np.testing.assert_allclose(scaler.running_mean.numpy(), before.numpy(), atol=1e-6)
 
 
-def test_ppo_clones_several_recordings_together(demonstrations, samples, tmp_path):
-    from kitchen_suite.training.ppo import PPOTraining
+def test_ppo_clones_several_recordings_together(demonstrations, samples, tmp_path, monkeypatch):
+    from kitchen_suite.training import ppo
 
-    spec = spec_of("open_cabinet", "top_drawer")
-    training = PPOTraining(
-        spec, hyperparameters={"num_envs": 2}, demonstrations=[demonstrations, demonstrations], num_threads=1
-    )
-    training.close()
-    for found, one in zip(training.demonstrations, samples, strict=True):
+    cloned = []
+
+    def keep(agent, *arrays):
+        cloned.extend(arrays)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ppo, "clone", keep)
+    folders = f"--demonstrations={demonstrations},{demonstrations}"
+    assert train.main([*ARGUMENTS, folders, f"--output={tmp_path / 'run'}"]) == 130
+    for found, one in zip(cloned[:2], samples, strict=True):
         np.testing.assert_array_equal(found, np.concatenate([one, one]))
 
 

@@ -1,6 +1,7 @@
 """Arguments of the environments that are trained in, which those that policies are evaluated in do not have."""
 
 import json
+import pathlib
 import re
 
 import numpy as np
@@ -14,6 +15,11 @@ pytestmark = pytest.mark.clients
 KETTLE = ["--domain_name=kitchen", "--task_name=kettle"]
 
 
+def description():
+    """The description of the run."""
+    return json.loads(pathlib.Path("runs", "training.json").read_text())
+
+
 def task_of(environments):
     return environments.composer_task
 
@@ -23,49 +29,51 @@ def length_of(environments):
 
 
 def test_the_kitchen_is_trained_with_a_dense_reward_and_evaluated_with_its_own(prepared):
-    training, run = prepared(*KETTLE)
-    trained, evaluated = training.environments, run.evaluation_environments
+    learner, evaluated = prepared(*KETTLE)
+    trained = learner.environments
     assert set(task_of(trained).mdp.rewards) == {"approach", "progress", "completion"}
     assert set(task_of(evaluated).mdp.rewards) == {"completion"}
     assert [task_of(each).scene.physics for each in (trained, evaluated)] == ["fast", "exact"]
     # Both have the same length, and the spaces of the policy.
     assert [length_of(each) for each in (trained, evaluated)] == [100, 100]
     assert trained.single_observation_space == evaluated.single_observation_space
-    assert run.description.metadata["task_kwargs"] == {}
-    assert run.description.metadata["training_kwargs"] == json.loads(json.dumps(find_recipe("kitchen").options))
+    assert description()["task_kwargs"] == {}
+    assert description()["training_kwargs"] == json.loads(json.dumps(find_recipe("kitchen").options))
 
 
 def test_evaluations_begin_at_the_original_start_where_training_varies(prepared):
-    training, run = prepared(*KETTLE, '--training_kwargs={"variations": {"microwave/door": -0.2}, "physics": "exact"}')
-    _, varied = training.environments.reset(seed=0)
-    _, info = run.evaluation_environments.reset(seed=0)
+    learner, evaluated = prepared(
+        *KETTLE, '--training_kwargs={"variations": {"microwave/door": -0.2}, "physics": "exact"}'
+    )
+    _, varied = learner.environments.reset(seed=0)
+    _, info = evaluated.reset(seed=0)
     np.testing.assert_array_equal(varied["variation_values"]["microwave/door"], [-0.2, -0.2])
     assert "variation_values" not in info
     # They replace some of the domain's.
-    assert run.description.metadata["training_kwargs"]["reward"] == "dense_gain"
-    assert run.description.metadata["training_kwargs"]["physics"] == "exact"
+    assert description()["training_kwargs"]["reward"] == "dense_gain"
+    assert description()["training_kwargs"]["physics"] == "exact"
 
 
 @pytest.mark.parametrize("physics", ["exact", "fast"])
 def test_the_physics_of_the_task_is_that_of_training_too(prepared, physics):
-    training, run = prepared(*KETTLE, f"--physics={physics}")
-    assert "physics" not in run.description.metadata["training_kwargs"]
-    assert run.description.metadata["task_kwargs"] == {"physics": physics}
-    for environments in (training.environments, run.evaluation_environments):
+    learner, evaluated = prepared(*KETTLE, f"--physics={physics}")
+    assert "physics" not in description()["training_kwargs"]
+    assert description()["task_kwargs"] == {"physics": physics}
+    for environments in (learner.environments, evaluated):
         assert task_of(environments).scene.physics == physics
 
 
 def test_arguments_of_the_task_are_those_of_training_too(prepared):
-    training, run = prepared(*KETTLE, "--variations=dynamics", '--task_kwargs={"reward": "dense"}')
-    assert run.description.metadata["training_kwargs"].keys() == {"max_episode_steps", "physics"}
-    for environments in (training.environments, run.evaluation_environments):
+    learner, evaluated = prepared(*KETTLE, "--variations=dynamics", '--task_kwargs={"reward": "dense"}')
+    assert description()["training_kwargs"].keys() == {"max_episode_steps", "physics"}
+    for environments in (learner.environments, evaluated):
         assert "kettle/mass" in environments.reset(seed=0)[1]["variation_values"]
         assert task_of(environments).mdp.terminate_on_tasks_completed is False
 
 
 def test_drawers_are_ajar_in_training_alone(prepared):
-    training, run = prepared()
-    trained, evaluated = training.environments, run.evaluation_environments
+    learner, evaluated = prepared()
+    trained = learner.environments
     openings = np.array([trained.reset(seed=s)[1]["variation_values"]["cabinet/drawer_top"] for s in range(10)])
     assert set(openings.flatten().tolist()) > {0.0, 0.08}
     assert "variation_values" not in evaluated.reset(seed=0)[1]
@@ -73,9 +81,9 @@ def test_drawers_are_ajar_in_training_alone(prepared):
 
 
 def test_a_domain_without_a_recipe_trains_in_the_environments_of_its_evaluations(prepared):
-    training, run = prepared("--domain_name=microwave_table", "--task_name=open")
-    assert run.description.metadata["training_kwargs"] == {}
-    assert length_of(training.environments) == suite.DOMAINS["microwave_table"].episode_steps
+    learner, _ = prepared("--domain_name=microwave_table", "--task_name=open")
+    assert description()["training_kwargs"] == {}
+    assert length_of(learner.environments) == suite.DOMAINS["microwave_table"].episode_steps
 
 
 BAD = {
@@ -102,12 +110,8 @@ def test_a_run_is_not_resumed_with_other_arguments_of_training(prepared):
 
 
 def test_episodes_begin_at_times_spread_over_the_length_of_training(prepared):
-
-    training, _ = prepared('--training_kwargs={"max_episode_steps": 6}')
-    environments = training.environments
-    from kitchen_suite.training.ppo import PPOLearner
-
-    PPOLearner(environments, training.config, 0).start(0)
+    learner, _ = prepared('--training_kwargs={"max_episode_steps": 6}')
+    learner.start(0)
     # The steps 2 and 5 of six: the next one ends an episode.
-    *_, infos = environments.step(np.zeros(environments.action_space.shape))
+    *_, infos = learner.environments.step(np.zeros(learner.environments.action_space.shape))
     assert sorted(infos["episode_step"]) == [0, 3]

@@ -7,7 +7,7 @@ from gymnasium.vector import AutoresetMode
 from helpers.training import BATCH, METADATA, SMALL, environments, learner
 
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 
 pytestmark = pytest.mark.clients
 DOMAINS = ["open_cabinet", "kitchen"]
@@ -44,7 +44,7 @@ def test_an_exported_policy_returns_the_agents_mean_actions(trained, tmp_path):
         expected = (outputs * agent.policy.scale).numpy()
     assert np.abs(expected).max() > 1e-3
     np.testing.assert_allclose(policy(observations), expected, rtol=0, atol=1e-5)
-    np.testing.assert_array_equal(TrainedPolicy.load(tmp_path / "policy.npz")(observations), policy(observations))
+    np.testing.assert_array_equal(PerceptronPolicy.load(tmp_path / "policy.npz")(observations), policy(observations))
 
 
 def test_initial_exploration_has_the_scales_of_the_actions():
@@ -187,7 +187,7 @@ def test_the_penalties_grow_with_the_steps_learned_from():
 
 def random_policy(scale=0.02):
     generator = np.random.default_rng(0)
-    return TrainedPolicy(
+    return PerceptronPolicy(
         mean=np.zeros(25, np.float32),
         deviation=np.ones(25, np.float32),
         clip=5.0,
@@ -357,8 +357,7 @@ def test_a_truncated_episode_is_worth_the_value_of_its_last_observation():
 def test_a_learner_finds_the_action_that_is_rewarded():
     import torch
 
-    from kitchen_suite.training.ppo import Actor, Agent, Batch
-    from kitchen_suite.training.recipes import PPOHyperparameters
+    from kitchen_suite.training.ppo import Actor, Agent, Batch, PPOHyperparameters
 
     torch.manual_seed(0)
     config = PPOHyperparameters(

@@ -11,17 +11,22 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from helpers.training import BATCH, METADATA, SMALL, assert_same_state, environments, learner
 
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.tasks.open_cabinet import rewards as drawer_reward
 from kitchen_suite.training.recipes import Schedule
-from kitchen_suite.training.run_folder import RunDescription
 
 pytestmark = pytest.mark.clients
 
 # First of the seeds of evaluations during training.
 FIRST_SEED = 500_000_000
 
-DESCRIPTION = RunDescription(**METADATA, training_kwargs={}, hyperparameters={}, seed=0)
+
+@pytest.fixture
+def description():
+    from kitchen_suite.training.run import RunDescription
+
+    return RunDescription(**METADATA, training_kwargs={}, hyperparameters={}, seed=0)
+
 
 EVALUATION = {f"evaluation/{name}" for name in ("success", "progress", "length", "return")}
 BATCHES = {f"step/reward/{name}" for name in drawer_reward.REWARDS["original"]} | {
@@ -72,10 +77,13 @@ def make_run(training_environments, evaluation_environments, tmp_path):
 
 def trained(made):
     """Trains the learner of a run; returns both."""
-    from kitchen_suite.training import ppo
-
     run, taught = made
-    ppo.train(taught, run)
+    with run:
+        if not run.stop_reason:
+            taught.start(run.episode_seed)
+        run.begin()
+        while not run.stop_reason:
+            run.record(taught.learn())
     return run, taught
 
 
@@ -89,7 +97,7 @@ def curves(folder):
 
 def test_the_documented_curves_are_written(make_run, tmp_path):
     trained(make_run(4))
-    found = curves(tmp_path)
+    found = curves(tmp_path / "seed_0")
     assert set(found) >= EVALUATION | BATCHES | {"time/minutes", "time/processor_minutes"}
     for name in EVALUATION | {"time/minutes", "time/processor_minutes"}:
         assert list(found[name]) == [0, 2 * BATCH, 4 * BATCH]
@@ -118,13 +126,13 @@ def test_where_few_of_the_first_episodes_succeed_the_others_are_not_played(
     # One evaluation, of the policy before the first step.
     trained(make_run(0, episodes=5))
     assert played == [*range(FIRST_SEED, FIRST_SEED + num_played)]
-    assert curves(tmp_path)["evaluation/success"] == {0: pytest.approx(np.mean(successes[:num_played]))}
+    assert curves(tmp_path / "seed_0")["evaluation/success"] == {0: pytest.approx(np.mean(successes[:num_played]))}
 
 
 def test_episodes_that_end_in_training_have_curves(make_run, tmp_path):
     # Four environments, each at another of its 700 steps: two batches of 200 steps see two of them end.
     trained(make_run(25, every=100))
-    found = curves(tmp_path)
+    found = curves(tmp_path / "seed_0")
     for name in ("success", "progress", "length"):
         assert 2 <= len(found[f"episode/{name}"]) <= 4
     assert set(found["episode/length"].values()) == {700.0}
@@ -158,18 +166,18 @@ def test_an_exported_policy_is_the_same_after_resuming(make_run):
 def test_the_learning_rate_continues_from_its_last_value(make_run, tmp_path):
     trained(make_run(4))
     trained(make_run(5))
-    rates = [*curves(tmp_path)["learning/learning rate"].values()]
+    rates = [*curves(tmp_path / "seed_0")["learning/learning rate"].values()]
     # Each of the two epochs changes it by a factor of 1.5 at most.
     assert all(1 / 2.3 < new / old < 2.3 for old, new in itertools.pairwise(rates))
 
 
 def test_curves_continue_in_the_same_folder_with_every_step_once(make_run, tmp_path):
     trained(make_run(5))
-    before = curves(tmp_path)
+    before = curves(tmp_path / "seed_0")
     # As if interrupted before the last evaluation: batch 5 is learned again.
-    os.remove(tmp_path / f"checkpoint_{5 * BATCH:012d}.pt")
+    os.remove(tmp_path / "seed_0" / f"checkpoint_{5 * BATCH:012d}.pt")
     trained(make_run(6))
-    after = curves(tmp_path)
+    after = curves(tmp_path / "seed_0")
     assert list(after["step/reward"]) == [batches * BATCH for batches in range(1, 7)]
     assert list(after["evaluation/return"]) == [batches * BATCH for batches in (0, 2, 4, 6)]
     for name in ("evaluation/return", "step/reward"):
@@ -194,28 +202,29 @@ def test_the_best_policy_survives_an_interrupt(make_run, tmp_path, monkeypatch):
     trained(make_run(4))
     again, _ = trained(make_run(6))
     assert again.best == (0.0, 3.0)
-    assert TrainedPolicy.load(tmp_path / "policy.npz").metadata["training"]["steps"] == 2 * BATCH
+    assert PerceptronPolicy.load(tmp_path / "policy.npz").metadata["training"]["steps"] == 2 * BATCH
 
 
 def test_every_kept_checkpoint_is_readable(make_run, tmp_path):
-    from kitchen_suite.training import checkpoints
+    from kitchen_suite.training.run import load_checkpoint
 
     trained(make_run(10))
-    paths = sorted(tmp_path.glob("checkpoint_*"))
+    folder = tmp_path / "seed_0"
+    paths = sorted(folder.glob("checkpoint_*"))
     assert [path.name for path in paths] == [f"checkpoint_{batches * BATCH:012d}.pt" for batches in (6, 8, 10)]
     for path in reversed(paths):
-        assert checkpoints.load_last(tmp_path).steps == int(path.stem.removeprefix("checkpoint_"))
+        assert load_checkpoint(folder)["steps"] == int(path.stem.removeprefix("checkpoint_"))
         path.unlink()
-    assert checkpoints.load_last(tmp_path) is None
+    assert load_checkpoint(folder) is None
 
 
-def test_two_runs_started_together_in_one_folder_are_not_both_let_in(tmp_path):
+def test_two_runs_started_together_in_one_folder_are_not_both_let_in(description, tmp_path):
     barrier, outcomes, refusals = threading.Barrier(2), [], []
 
     def start(seed, folder):
         barrier.wait()
         try:
-            dataclasses.replace(DESCRIPTION, seed=seed).create(folder)
+            dataclasses.replace(description, seed=seed).create(folder)
             outcomes.append(seed)
         except FileExistsError as error:
             refusals.append(str(error))
@@ -238,15 +247,15 @@ BAD_DESCRIPTIONS = {
     "deep": "[" * 100_000,
     "no object": "[1]",
     "nothing": "{}",
-    "a number as a name": json.dumps({**vars(DESCRIPTION), "domain_name": 3}),
-    "no dict": json.dumps({**vars(DESCRIPTION), "hyperparameters": [1]}),
+    "a number as a name": json.dumps({**METADATA, "domain_name": 3}),
+    "no dict": json.dumps({**METADATA, "hyperparameters": [1]}),
     "no text": "\udcff",
 }
 
 
 @pytest.mark.parametrize("text", BAD_DESCRIPTIONS.values(), ids=BAD_DESCRIPTIONS)
-def test_a_description_that_cannot_be_read_is_named_in_one_line(tmp_path, text):
-    DESCRIPTION.create(tmp_path)
+def test_a_description_that_cannot_be_read_is_named_in_one_line(description, tmp_path, text):
+    description.create(tmp_path)
     (tmp_path / "training.json").write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises((OSError, ValueError), match=r"^[^\n]*training\.json[^\n]*$"):
-        DESCRIPTION.resume(tmp_path)
+        description.resume(tmp_path)

@@ -20,8 +20,8 @@ from kitchen_suite.commands import record
 from kitchen_suite.episodes.episode import unflatten
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
-from kitchen_suite.policies import trained as trained_policy
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies import files as policy_files
+from kitchen_suite.policies.perceptron import PerceptronPolicy
 
 TASKS = {"kitchen": "mixed", "open_cabinet": "top_drawer"}
 MIXED = ["microwave", "kettle", "bottom burner", "light switch"]
@@ -52,7 +52,7 @@ def make(domain="open_cabinet", hidden=(6, 4), seed=0, **changes):
         "action_scale": np.linspace(0.02, 0.1, acted, dtype=np.float32),
         "metadata": {"domain_name": domain, "task_name": TASKS[domain], "task_kwargs": {}},
     }
-    return TrainedPolicy(**{**parts, **changes})
+    return PerceptronPolicy(**{**parts, **changes})
 
 
 def act_by_hand(policy, observation):
@@ -112,7 +112,7 @@ def test_any_leading_axes_give_the_same_actions():
 
 
 def test_a_saved_policy_is_loaded_unchanged(saved):
-    policy, loaded = make(), TrainedPolicy.load(saved)
+    policy, loaded = make(), PerceptronPolicy.load(saved)
     for name in ("mean", "deviation", "clip", "action_scale"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(policy, name), name)
     for one, other in zip((*loaded.weights, *loaded.biases), (*policy.weights, *policy.biases), strict=True):
@@ -131,8 +131,8 @@ def test_acting_needs_no_torch(saved):
 import sys
 from pathlib import Path
 import numpy as np
-from kitchen_suite.policies.trained import TrainedPolicy
-assert TrainedPolicy.load(Path({str(saved)!r}))(np.zeros(25)).shape == (8,)
+from kitchen_suite.policies.perceptron import PerceptronPolicy
+assert PerceptronPolicy.load(Path({str(saved)!r}))(np.zeros(25)).shape == (8,)
 assert "torch" not in sys.modules
 """
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
@@ -144,7 +144,7 @@ def test_a_damaged_file_is_rejected_or_harmless(saved):
     for start in range(0, len(whole), 37):
         saved.write_bytes(whole[:start] + b"damaged!" + whole[start + 8 :])
         try:
-            loaded = TrainedPolicy.load(saved)
+            loaded = PerceptronPolicy.load(saved)
         except (OSError, ValueError):
             rejected += 1
         else:
@@ -156,7 +156,7 @@ def test_a_damaged_file_is_rejected_or_harmless(saved):
 def test_a_file_that_is_not_an_npz_is_an_os_error(saved):
     saved.write_bytes(b"text")
     with refused(OSError, "policy.npz", "trained policy"):
-        TrainedPolicy.load(saved)
+        PerceptronPolicy.load(saved)
 
 
 def with_nan(array):
@@ -185,7 +185,7 @@ def test_arrays_that_do_not_fit_are_refused_with_the_file(saved, changes):
         **{name: array for name, array in changes.items() if array is not None},
     )
     with refused(ValueError, "policy.npz"):
-        TrainedPolicy.load(saved)
+        PerceptronPolicy.load(saved)
 
 
 # tests/test_files.py has more of them.
@@ -205,7 +205,7 @@ def test_a_crafted_array_is_refused_in_one_line_before_it_takes_memory(saved, co
             archive.writestr(name, member)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with refused(OSError, "policy.npz"):
-        TrainedPolicy.load(saved)
+        PerceptronPolicy.load(saved)
     # In KiB; the bomb would take 128 MiB.
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**16
 
@@ -228,11 +228,11 @@ def test_metadata_of_another_kind_are_refused_with_the_file(saved, metadata, sho
         arrays = {**file, "metadata": np.array(json.dumps(metadata))}
     np.savez(saved, **arrays)
     with refused((OSError, ValueError), "policy.npz", *shown):
-        TrainedPolicy.load(saved)
+        PerceptronPolicy.load(saved)
 
 
 def test_the_representation_names_the_task_and_the_layers():
-    assert repr(make()) == "<TrainedPolicy of open_cabinet top_drawer, layers [25, 6, 4, 8]>"
+    assert repr(make()) == "<PerceptronPolicy of open_cabinet top_drawer, layers [25, 6, 4, 8]>"
 
 
 def load(domain, seed=0, **kwargs):
@@ -366,7 +366,7 @@ def test_bad_options_and_files_are_policy_errors(options):
 
 @pytest.mark.full
 def test_a_missing_shipped_policy_is_an_error_that_lists_those_that_exist(monkeypatch, tmp_path):
-    monkeypatch.setattr(trained_policy, "SHIPPED", tmp_path)
+    monkeypatch.setattr(policy_files, "SHIPPED", tmp_path)
     make().save(tmp_path / "bottom_drawer.npz")
     with refused(policies.PolicyError, "open_cabinet", "top_drawer"):
         policies.find("trained")(load("open_cabinet"), np.random.default_rng(0))

@@ -1,25 +1,20 @@
-"""Multilayer perceptrons as trained by PPO, and the policies that come with the package."""
+"""Policies whose network is a multilayer perceptron, which PPO trains."""
 
 import dataclasses
-import functools
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import checks, files
-from kitchen_suite.policies.stored import EpisodePolicy, StoredPolicy
+from kitchen_suite.policies.files import EpisodePolicy, StoredPolicy
 
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
 
-SHIPPED = Path(__file__).parent / "trained_policies"  # Folder of the policies that come with the package.
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
-class TrainedPolicy(StoredPolicy):
+class PerceptronPolicy(StoredPolicy):
     """A multilayer perceptron with ELU activations on standardised observations.
 
     Attributes:
@@ -75,6 +70,10 @@ class TrainedPolicy(StoredPolicy):
     def action_size(self) -> int:
         return self.action_scale.size
 
+    def inputs(self, observation: NDArray | Mapping[str, Any], task: "SuiteTask") -> NDArray:
+        """Returns the inputs `(..., m)`, given observations of a task as `PolicyInputs.flatten`."""
+        return task.policy_inputs.flatten(observation)
+
     def __call__(self, observations: NDArray) -> NDArray[np.float32]:
         """Returns the actions `(..., k)` for observations `(..., m)`, without exploration noise."""
         values = ((observations - self.mean) / self.deviation).astype(np.float32)
@@ -113,48 +112,4 @@ class TrainedPolicy(StoredPolicy):
         self._check_sizes_and_mode(task, observed=self.observation_size, expected=task.policy_inputs.size)
 
     def _acting(self, task: "SuiteTask") -> EpisodePolicy:
-        flatten = task.policy_inputs.flatten
-        return lambda timestep: self(flatten(timestep.observation).ravel())
-
-
-def shipped(task: "SuiteTask") -> Path:
-    """Returns the path of the policy that comes with the package for a task and its reward, or a set with the task.
-
-    Where pictures are observed, a policy that takes them is preferred; where parameters vary, one trained with these.
-    """
-    paths = [path for name in task.policy_inputs.names if (path := SHIPPED / f"{name}.npz").exists()]
-    # Those that see, where they can, else the others.
-    seeing, others = ([path for path in paths if _sees(path, task) is sees] for sees in (True, False))
-    paths = seeing or others
-    if task.variations.by_name:
-        paths = [path for path in paths if "variations" in _metadata(path)["task_kwargs"]] or paths
-    if paths:
-        return paths[0]
-    title = f"{task.domain_name or 'task'} {task.policy_inputs.names[0]}"
-    present = [f"{_metadata(path)['domain_name']} {path.stem}" for path in sorted(SHIPPED.glob("*.npz"))]
-    raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
-
-
-def _sees(path: Path, task: "SuiteTask") -> bool | None:
-    """Returns whether a policy takes pictures; None if the task does not observe those that it takes."""
-    metadata = _metadata(path)
-    taken = task.pictures.by_name
-    cameras = metadata.get("cameras", ())
-    sizes = [list(taken[camera].array_spec.shape[:2]) for camera in cameras if camera in taken]
-    return bool(cameras) if sizes == [metadata.get("image_size")] * len(cameras) else None
-
-
-@functools.cache
-def _metadata(path: Path) -> dict[str, Any]:
-    return files.load_metadata(path, "a trained policy")
-
-
-def shipped_as(name: str) -> Path:
-    """Returns the path of a policy that comes with the package.
-
-    Args:
-      name: of the file without suffix: the task, such as `top_drawer`, and the reward unless it is the original one,
-        such as `top_drawer_grasp`; or `kitchen`, for any set of the kitchen's seven tasks.
-    """
-    names = sorted(path.stem for path in SHIPPED.glob("*.npz"))
-    return SHIPPED / f"{checks.choice(name, names, 'trained policy that comes with the package')}.npz"
+        return lambda timestep: self(self.inputs(timestep.observation, task).ravel())

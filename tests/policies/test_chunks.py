@@ -1,4 +1,4 @@
-"""Policies of behaviour cloning: files, chunks, and the tasks that they act in."""
+"""Policies of chunks: files, chunks, and the tasks that they act in."""
 
 import os
 import shutil
@@ -12,8 +12,10 @@ from helpers.errors import refused
 from kitchen_suite import suite
 from kitchen_suite.commands import rollout
 from kitchen_suite.episodes.recording import Recording
-from kitchen_suite.policies import load_policy, trained
-from kitchen_suite.policies.imitated import ClonedPolicy
+from kitchen_suite.policies import files as policy_files
+from kitchen_suite.policies import load_policy
+from kitchen_suite.policies.chunks import ChunkPolicy
+from kitchen_suite.policies.files import shipped, shipped_as
 from kitchen_suite.policies.networks import Block, Convolution, Linear, PictureEncoder, ResidualNetwork, Scales, silu
 
 STATE, ACTION, CHUNK, WIDTH = 59, 9, 3, 6
@@ -59,7 +61,7 @@ def make(**changes):
         "tasks": TASKS,
         **changes,
     }
-    return ClonedPolicy(
+    return ChunkPolicy(
         scales=scales(), network=network(np.random.default_rng(0), INPUTS, CHUNK * ACTION), metadata=metadata
     )
 
@@ -79,7 +81,7 @@ def make_seeing(**changes):
 
     blind = make()
     inputs = SEEING["state_size"] + len(TASKS)
-    return ClonedPolicy(
+    return ChunkPolicy(
         scales=scales(inputs),
         network=network(generator, inputs + 2 * features, CHUNK * ACTION),
         encoders=(encoder(), encoder()),
@@ -104,7 +106,7 @@ def test_chunks_are_the_same_whatever_the_number_of_threads(tmp_path):
         block = Block(norm, part(width, width), part(width, width))
         return ResidualNetwork(part(width, inputs), (block, block), part(outputs, width))
 
-    policy = ClonedPolicy(scales=scales(), network=wide(INPUTS, size), metadata=make().metadata)
+    policy = ChunkPolicy(scales=scales(), network=wide(INPUTS, size), metadata=make().metadata)
     policy.save(tmp_path / "policy.npz")
     command = [sys.executable, "-c", program, str(tmp_path / "policy.npz")]
     chosen = {
@@ -195,7 +197,7 @@ def test_a_policy_acts_in_tasks_that_ask_for_some_of_its_own_and_in_no_others():
     policy.check_fits(kitchen("kettle").task)
     with refused(ValueError, "slide cabinet", "kitchen all"):
         policy.check_fits(kitchen("complete").task)
-    free = ClonedPolicy(
+    free = ChunkPolicy(
         scales=scales(STATE),
         network=network(np.random.default_rng(0), STATE, CHUNK * ACTION),
         metadata={**policy.metadata, "tasks": []},
@@ -240,15 +242,15 @@ def observing(**changes):
     }
     inputs = INPUTS + 14
     parts = {"scales": scales(inputs), "network": network(np.random.default_rng(0), inputs, CHUNK * ACTION)}
-    return ClonedPolicy(**parts, metadata=metadata)
+    return ChunkPolicy(**parts, metadata=metadata)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("extras", [[], ["microwave/pose"], ["hood/pose", "microwave/pose", "franka/base_pose"]])
 def test_a_policy_finds_its_extra_observables_among_those_of_a_task(extras, monkeypatch):
     environment, policy, seen = kitchen("kettle", extra_observables=extras), observing(), []
-    predict = ClonedPolicy.predict
-    monkeypatch.setattr(ClonedPolicy, "predict", lambda self, *args: seen.append(args[0]) or predict(self, *args))
+    predict = ChunkPolicy.predict
+    monkeypatch.setattr(ChunkPolicy, "predict", lambda self, *args: seen.append(args[0]) or predict(self, *args))
     timestep = environment.reset()
     policy.episode(environment.task)(timestep)
     state = np.concatenate([np.ravel(timestep.observation[key]) for key in STATE_KEYS])
@@ -283,7 +285,7 @@ def make_nine_actions(policy):
     ones = np.ones(size, np.float32)
     changed = policy.scales._replace(action_mean=ones, action_deviation=ones)
     smaller = network(np.random.default_rng(0), STATE, CHUNK * size)
-    return ClonedPolicy(scales=changed, network=smaller, metadata=policy.metadata)
+    return ChunkPolicy(scales=changed, network=smaller, metadata=policy.metadata)
 
 
 @pytest.mark.full
@@ -345,7 +347,7 @@ def test_arrays_that_do_not_fit_are_refused(change, shown):
     arrays = {name: array.copy() for name, array in policy.arrays.items()}
     change(arrays)
     with refused(ValueError, *shown):
-        ClonedPolicy.from_arrays(arrays, policy.metadata)
+        ChunkPolicy.from_arrays(arrays, policy.metadata)
 
 
 def test_silu_of_large_values():
@@ -388,7 +390,7 @@ def test_a_policy_that_sees_is_loaded_unchanged(tmp_path):
 def test_a_policy_that_sees_takes_the_pictures_and_the_robots_part_of_the_state(monkeypatch):
     policy, seen = make_seeing(), []
     monkeypatch.setattr(
-        ClonedPolicy, "predict", lambda self, *arguments: seen.append(arguments) or np.zeros((CHUNK, ACTION))
+        ChunkPolicy, "predict", lambda self, *arguments: seen.append(arguments) or np.zeros((CHUNK, ACTION))
     )
     with suite.load("kitchen", "kettle", {"cameras": CAMERAS, "image_size": [9, 12]}) as environment:
         timestep = environment.reset()
@@ -448,13 +450,13 @@ def test_arrays_of_encoders_that_do_not_fit_are_refused(change, shown):
     arrays = {name: array.copy() for name, array in policy.arrays.items()}
     change(arrays)
     with refused(ValueError, *shown):
-        ClonedPolicy.from_arrays(arrays, policy.metadata)
+        ChunkPolicy.from_arrays(arrays, policy.metadata)
 
 
 @pytest.mark.full
 def test_where_pictures_are_observed_the_policy_that_comes_with_the_package_sees(monkeypatch, tmp_path):
-    kitchen_file = trained.shipped_as("kitchen")
-    monkeypatch.setattr(trained, "SHIPPED", tmp_path)
+    kitchen_file = shipped_as("kitchen")
+    monkeypatch.setattr(policy_files, "SHIPPED", tmp_path)
     make_seeing().save(tmp_path / "pixels.npz")
     shutil.copy(kitchen_file, tmp_path)
     for arguments, name in (
@@ -465,4 +467,4 @@ def test_where_pictures_are_observed_the_policy_that_comes_with_the_package_sees
         ({"visuals": False}, "kitchen"),
     ):
         with suite.load("kitchen", "all", arguments) as environment:
-            assert trained.shipped(environment.task).stem == name
+            assert shipped(environment.task).stem == name

@@ -1,4 +1,6 @@
-"""Policies of behaviour cloning, which act with numpy alone, in chunks: several control steps are predicted at once.
+"""Policies that predict the actions of several control steps at once, a chunk, and act with numpy alone.
+
+Behaviour cloning trains them, and PPO trains on those that apply one action of each chunk.
 
 The input of a policy is the state that it observes, without goals, and which of its tasks are requested. It therefore
 acts in every task that asks for some of them, whatever goals the observation has. A policy that sees has the robot's
@@ -16,8 +18,8 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
-from kitchen_suite.policies.networks import PictureEncoder, ResidualNetwork, Scales
-from kitchen_suite.policies.stored import EpisodePolicy, StoredPolicy
+from kitchen_suite.policies.files import EpisodePolicy, StoredPolicy
+from kitchen_suite.policies.networks import Linear, PictureEncoder, ResidualNetwork, Scales
 
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
@@ -27,8 +29,8 @@ _Count = Annotated[int, Meta(ge=1)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ClonedMetadata:
-    """The metadata of a `ClonedPolicy` on its inputs and chunks.
+class ChunkMetadata:
+    """The metadata of a `ChunkPolicy` on its inputs and chunks.
 
     Attributes:
       chunk: number of actions that are predicted at once.
@@ -67,7 +69,7 @@ class ClonedMetadata:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
-class ClonedPolicy(StoredPolicy):
+class ChunkPolicy(StoredPolicy):
     """A network that predicts chunks of actions.
 
     Attributes:
@@ -75,7 +77,7 @@ class ClonedPolicy(StoredPolicy):
       network: from standardised inputs and features of pictures to the standardised actions of a chunk.
       encoders: of the pictures of its cameras, whose features are the last inputs of the network.
       metadata: JSON-compatible; beside what every stored policy has, `algorithm` and the attributes of
-        `ClonedMetadata`. The last elements of the state are of extra observables.
+        `ChunkMetadata`. The last elements of the state are of extra observables.
     """
 
     algorithm = "bc"
@@ -101,21 +103,26 @@ class ClonedPolicy(StoredPolicy):
             raise ValueError(f"the network maps {found[0]} values to {found[1]}, not {expected[0]} to {expected[1]}")
 
     @functools.cached_property
-    def given(self) -> ClonedMetadata:
+    def given(self) -> ChunkMetadata:
         """The entries of the metadata on inputs and chunks; raises a ValueError for others than these may be."""
-        return files.parse(self.metadata, ClonedMetadata, "metadata")
+        return files.parse(self.metadata, ChunkMetadata, "metadata")
 
     def missing_observables(self, task: "SuiteTask") -> list[str]:
         known = {*task.extra_slices, *(() if task.variations.layout else self.given.layout)}
         return [name for name in self.given.extra_observables or {} if name not in known]
 
+    def inputs(self, observation: NDArray | Mapping[str, Any], task: "SuiteTask") -> NDArray[np.float64]:
+        """Returns the inputs `(..., m)` of the networks, given observations of a task as `PolicyInputs.flatten`."""
+        observed = task.policy_inputs.state_and_requests(observation, self.given.tasks)
+        return self.select(self._with_extras(observed, task))
+
     def select(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the inputs `(m,)` of the networks, given the whole state and which of `tasks` are requested."""
+        """Returns the inputs `(..., m)` of the networks, given the whole state and which of `tasks` are requested."""
         given = self.given
         if given.state_elements is None:
             return inputs
-        state, requests = np.split(inputs, [inputs.size - len(given.tasks)])
-        return np.concatenate([state[given.state_elements], requests])
+        state, requests = np.split(inputs, [inputs.shape[-1] - len(given.tasks)], axis=-1)
+        return np.concatenate([state[..., given.state_elements], requests], axis=-1)
 
     def _with_extras(self, inputs: NDArray[np.float64], task: "SuiteTask") -> NDArray[np.float64]:
         """Returns the inputs that `select` takes, given a task's state, which may have other extra observables."""
@@ -124,18 +131,54 @@ class ClonedPolicy(StoredPolicy):
         parts = task.extra_slices
         if given.extra_observables is None:
             return inputs
-        own, extras, requests = np.split(inputs, [size - task.extra_size, size])
-        chosen = [extras[parts[name]] if name in parts else given.layout[name] for name in given.extra_observables]
-        return np.concatenate([own, *chosen, requests])
+        own, extras, requests = np.split(inputs, [size - task.extra_size, size], axis=-1)
+        shape = inputs.shape[:-1]
+        chosen = [
+            extras[..., parts[name]] if name in parts else np.broadcast_to(given.layout[name], (*shape, count))
+            for name, count in given.extra_observables.items()
+        ]
+        return np.concatenate([own, *chosen, requests], axis=-1)
+
+    def of_single_actions(self) -> Self:
+        """Returns the policy that predicts the first action of each chunk alone, and so acts as this one.
+
+        Raises a ValueError if this one applies several actions of a chunk.
+        """
+        if self.given.executed > 1:
+            raise ValueError(f"it applies {self.given.executed} actions of each chunk: clone again with executed 1")
+        weight, bias = self.network.output
+        first = Linear(weight[: self.action_size], bias[: self.action_size])
+        network = self.network._replace(output=first)
+        return dataclasses.replace(self, network=network, metadata={**self.metadata, "chunk": 1})
 
     @property
     def action_size(self) -> int:
         return self.scales.action_mean.size
 
     @property
+    def mean(self) -> NDArray[np.float32]:
+        """`(m,)`, means of the inputs."""
+        return self.scales.input_mean
+
+    @property
+    def deviation(self) -> NDArray[np.float32]:
+        """`(m,)`, standard deviations of the inputs."""
+        return self.scales.input_deviation
+
+    @property
+    def action_scale(self) -> NDArray[np.float32]:
+        """`(k,)`, standard deviations of the actions, in units of which the network predicts them."""
+        return self.scales.action_deviation
+
+    @property
     def layers(self) -> list[int]:
         network = self.network
         return [network.inputs, *(block.first.bias.size for block in network.blocks), network.outputs]
+
+    def __call__(self, inputs: NDArray) -> NDArray[np.float32]:
+        """Returns the first actions `(..., k)` of the chunks that follow inputs `(..., m)`, without pictures."""
+        values = self.network(self.scales.inputs(inputs))
+        return self.scales.actions(values[..., : self.action_size])
 
     def predict(self, inputs: NDArray, pictures: Sequence[NDArray[np.uint8]] = ()) -> NDArray[np.float32]:
         """Returns the actions `(chunk, k)` that follow inputs `(m,)` and its cameras' pictures `(h, w, 3)`."""
@@ -144,13 +187,11 @@ class ClonedPolicy(StoredPolicy):
         return self.scales.actions(values.reshape(self.given.chunk, self.action_size))
 
     def _acting(self, task: "SuiteTask") -> EpisodePolicy:
-        inputs = task.policy_inputs
         waiting: list[NDArray[np.float32]] = []
 
         def act(timestep: dm_env.TimeStep) -> NDArray[np.float32]:
             if timestep.first() or not waiting:
-                observed = inputs.state_and_requests(timestep.observation, self.given.tasks).ravel()
-                chosen = self.select(self._with_extras(observed, task))
+                chosen = self.inputs(timestep.observation, task).ravel()
                 pictures = [timestep.observation[camera] for camera in self.given.cameras]
                 waiting[:] = self.predict(chosen, pictures)[: self.given.executed]
             return waiting.pop(0)
@@ -188,7 +229,7 @@ class ClonedPolicy(StoredPolicy):
             raise ValueError(f"missing arrays {missing}")
         scales = Scales.take(arrays)
         network = ResidualNetwork.take(arrays, "network")
-        count = len(files.parse(metadata, ClonedMetadata, "metadata").cameras)
+        count = len(files.parse(metadata, ChunkMetadata, "metadata").cameras)
         encoders = tuple(PictureEncoder.take(arrays, f"encoders.{number}") for number in range(count))
         if arrays:
             raise ValueError(f"unknown arrays {sorted(arrays)}")

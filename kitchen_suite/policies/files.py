@@ -1,7 +1,8 @@
-"""Policies stored in npz files, which are read without pickle and act with numpy alone."""
+"""Policies in npz files, which are read without pickle and act with numpy alone, and those that the package ships."""
 
 import abc
 import dataclasses
+import functools
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 EpisodePolicy = Callable[[dm_env.TimeStep], NDArray]
 
 FORMAT = 1  # Version of the file layout, incremented when older versions of the suite would misread new files.
+
+SHIPPED = Path(__file__).parent / "trained_policies"  # Folder of the policies that come with the package.
 
 # Bound of the arrays of a file [bytes], a dozen times what the greatest policy of the package takes.
 _MAX_BYTES = 64 * 2**20
@@ -155,3 +158,46 @@ def load(path: Path, classes: Sequence[type[Stored]]) -> Stored:
         return by_algorithm[algorithm].from_arrays(arrays, metadata)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{problem}: {error}") from error
+
+
+def shipped(task: "SuiteTask") -> Path:
+    """Returns the path of the policy that comes with the package for a task and its reward, or a set with the task.
+
+    Where pictures are observed, a policy that takes them is preferred; where parameters vary, one trained with these.
+    """
+    paths = [path for name in task.policy_inputs.names if (path := SHIPPED / f"{name}.npz").exists()]
+    # Those that see, where they can, else the others.
+    seeing, others = ([path for path in paths if _sees(path, task) is sees] for sees in (True, False))
+    paths = seeing or others
+    if task.variations.by_name:
+        paths = [path for path in paths if "variations" in _metadata(path)["task_kwargs"]] or paths
+    if paths:
+        return paths[0]
+    title = f"{task.domain_name or 'task'} {task.policy_inputs.names[0]}"
+    present = [f"{_metadata(path)['domain_name']} {path.stem}" for path in sorted(SHIPPED.glob("*.npz"))]
+    raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
+
+
+def _sees(path: Path, task: "SuiteTask") -> bool | None:
+    """Returns whether a policy takes pictures; None if the task does not observe those that it takes."""
+    metadata = _metadata(path)
+    taken = task.pictures.by_name
+    cameras = metadata.get("cameras", ())
+    sizes = [list(taken[camera].array_spec.shape[:2]) for camera in cameras if camera in taken]
+    return bool(cameras) if sizes == [metadata.get("image_size")] * len(cameras) else None
+
+
+@functools.cache
+def _metadata(path: Path) -> dict[str, Any]:
+    return files.load_metadata(path, "a trained policy")
+
+
+def shipped_as(name: str) -> Path:
+    """Returns the path of a policy that comes with the package.
+
+    Args:
+      name: of the file without suffix: the task, such as `top_drawer`, and the reward unless it is the original one,
+        such as `top_drawer_grasp`; or `kitchen`, for any set of the kitchen's seven tasks.
+    """
+    names = sorted(path.stem for path in SHIPPED.glob("*.npz"))
+    return SHIPPED / f"{checks.choice(name, names, 'trained policy that comes with the package')}.npz"
