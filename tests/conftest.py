@@ -91,7 +91,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     affordable = [item for item in items if _cost(item) <= most]
     lacking = {item: missing for item in affordable if (missing := _missing(item))}
     selected = [item for item in affordable if item not in lacking]
-    config.hook.pytest_deselected(items=[item for item in items if item not in {*selected}])
+    config.hook.pytest_deselected(items=[*{*items}.difference(selected)])
     config.stash[_LACKING] = collections.Counter(lacking.values())
     items[:] = selected
 

@@ -21,12 +21,12 @@ CHECKS = {
 }
 
 
-@pytest.mark.parametrize("value", ODD_VALUES.values(), ids=ODD_VALUES)
-@pytest.mark.parametrize("check", CHECKS)
-def test_an_error_about_a_value_of_any_size_depth_and_repr_takes_one_short_line(check, value):
-    with pytest.raises((TypeError, ValueError)) as raised:
-        CHECKS[check](value)
-    assert_is_short(str(raised.value))
+@pytest.mark.parametrize("check", CHECKS.values(), ids=CHECKS)
+def test_an_error_about_a_value_of_any_size_depth_and_repr_takes_one_short_line(check):
+    for value in ODD_VALUES.values():
+        with pytest.raises((TypeError, ValueError)) as raised:
+            check(value)
+        assert_is_short(str(raised.value))
 
 
 @pytest.mark.parametrize("value", [0.25, "kettle", [0.1] * 9, {"kettle/mass": {"uniform": [0, 1]}}, ("a",), None, {1}])

@@ -6,7 +6,7 @@ As tests/test_layers.py, on syntax trees: calls that read files, unpickle, conne
 import ast
 
 import pytest
-from test_layers import MODULES, imported_names, stated_names
+from helpers.modules import imported_names, modules, stated_names
 
 # Modules that may use a library.
 LIBRARIES = {
@@ -39,7 +39,7 @@ CALLS = {
     "exec": set(),
     "compile": set(),
     "__import__": set(),
-    "pkgutil.resolve_name": {"imports", "lazy", "domains.base", "environment.private_names"},
+    "pkgutil.resolve_name": {"datasets.formats", "imports", "lazy", "domains.base", "environment.private_names"},
     "mujoco.MjModel.from_xml_path": set(),
     "mujoco.MjModel.from_binary_path": set(),
 }
@@ -75,7 +75,7 @@ def is_round_trip(arguments):
 def test_a_library_that_opens_files_has_one_module(library):
     homes = {
         module
-        for module, tree in MODULES.items()
+        for module, tree in modules().items()
         if any(name == library or name.startswith(f"{library}.") for name in imported_names(tree))
     }
     assert homes <= LIBRARIES[library]
@@ -86,7 +86,7 @@ def test_a_library_that_opens_files_has_one_module(library):
 def test_what_reads_the_data_of_others_is_called_in_one_module(function):
     homes = {
         module
-        for module, tree in MODULES.items()
+        for module, tree in modules().items()
         for name, arguments in calls(tree)
         if (name == function or name.endswith(f".{function}"))
         and not is_round_trip(arguments)
@@ -100,7 +100,7 @@ def test_what_reads_the_data_of_others_is_called_in_one_module(function):
 def test_names_are_imported_in_one_module():
     homes = {
         module
-        for module, tree in MODULES.items()
+        for module, tree in modules().items()
         for name, arguments in calls(tree)
         if name.endswith("import_module") and not isinstance(arguments[0], ast.Constant)
     }
@@ -109,7 +109,7 @@ def test_names_are_imported_in_one_module():
 
 def test_functions_that_import_by_name_have_no_other_names():
     """Under another name, `test_layers` would not know them."""
-    stated = {name for tree in MODULES.values() for name in stated_names(tree)}
+    stated = {name for tree in modules().values() for name in stated_names(tree)}
     assert not {"importlib.import_module", "importlib.__import__", "pkgutil.resolve_name"} & stated
 
 
@@ -117,7 +117,7 @@ def test_functions_that_import_by_name_have_no_other_names():
 def test_checkpoints_hold_no_code():
     """`torch.load` is called with `weights_only=True`, and numpy's reader with `allow_pickle=False`."""
     options = {}
-    for tree in MODULES.values():
+    for tree in modules().values():
         for node in ast.walk(tree):
             if isinstance(node, ast.Call):
                 given = {each.arg: getattr(each.value, "value", None) for each in node.keywords}
@@ -127,5 +127,7 @@ def test_checkpoints_hold_no_code():
 
 
 def test_paths_of_modules_are_changed_in_one_module():
-    homes = {module for module, tree in MODULES.items() if any(name.startswith("sys.path.") for name, _ in calls(tree))}
+    homes = {
+        module for module, tree in modules().items() if any(name.startswith("sys.path.") for name, _ in calls(tree))
+    }
     assert homes <= {"imports"}

@@ -34,7 +34,7 @@ WRITERS = {
 # They keep what was finished before: episodes of a recording, results of an evaluation.
 KEEPS = {"record", "rollout", "output"}
 
-SIZES = [*range(1, 9), 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 512, 1024]  # [KiB]
+SIZES = [2**power for power in range(11)]  # [KiB]
 FEW = [1, 64]
 
 

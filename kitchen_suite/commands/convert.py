@@ -6,6 +6,7 @@ from absl.flags import DEFINE_string, FlagValues
 
 from kitchen_suite.commands import flags
 from kitchen_suite.commands.command import Command
+from kitchen_suite.datasets.formats import FORMATS
 
 DESCRIPTION = """Converts recordings to datasets of other programs, and human demonstrations to recordings.
 
@@ -26,8 +27,6 @@ _DEFAULT_FORMAT = "minari"
 
 def define(values: FlagValues) -> None:
     """Defines the flags."""
-    from kitchen_suite.datasets.formats import FORMATS
-
     DEFINE_string("format", None, f"Format of the dataset: {', '.join(FORMATS)}; else {_DEFAULT_FORMAT}.", values)
     name = "Name of the dataset to make, such as me/kettle; in Minari it ends in a version, such as me/kettle-v0."
     DEFINE_string("dataset", None, name, values)

@@ -34,17 +34,17 @@ def convert(
     chosen = FORMATS[checks.choice(format, FORMATS, "format")]
     source = Recording.open(Path(recording))
     _check_source(recording, source)
-    chosen.check_name(dataset)
-    if chosen.obs_types:
+    chosen.resolve("check_name")(dataset)
+    if obs_types := chosen.resolve("obs_types"):
         obs_type = source.spec.env_class.find_obs_type(source.spec.argument("obs_type"))
-        checks.choice(obs_type, chosen.obs_types, f"{chosen.title}'s obs_type")
-    with chosen.folder(None if data_path is None else Path(data_path)) as folder:
+        checks.choice(obs_type, obs_types, f"{chosen.title}'s obs_type")
+    with chosen.resolve("folder")(None if data_path is None else Path(data_path)) as folder:
         path = folder / f"{dataset}{chosen.suffix}"
         if path.exists():
             raise FileExistsError(f"{path} exists already, and is never replaced: name another dataset")
         with files.made_folder(path.parent), contextlib.closing(source.spec.make_environment()) as environment:
             episodes = (source.load_fitting(index, environment) for index in source.indices)
-            chosen.write(path, source.spec, episodes)
+            chosen.resolve("write")(path, source.spec, episodes)
     return path
 
 

@@ -1,5 +1,8 @@
 """Plays the episodes of the conditions of an evaluation."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence

@@ -60,10 +60,11 @@ def test_ci_runs_the_block(block):
     assert set(block.code.splitlines()) <= {line.strip() for line in lines}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_commands_in_the_text_are_parsed(page, tmp_path, monkeypatch):
+def test_commands_in_the_text_are_parsed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name, arguments in _COMMAND.findall(page.read_text(encoding="utf-8")):
+    commands = [found for page in PAGES for found in _COMMAND.findall(page.read_text(encoding="utf-8"))]
+    assert len({*commands}) > 9
+    for name, arguments in dict.fromkeys(commands):
         stand_ins.check_command(name, *shlex.split(arguments))
 
 

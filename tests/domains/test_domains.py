@@ -3,6 +3,7 @@
 import ast
 import contextlib
 import dataclasses
+import functools
 import pickle
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 from helpers.errors import refused
-from test_layers import MODULES
+from helpers.modules import modules
 
 from kitchen_suite import gymnasium_env, names, suite
 from kitchen_suite.commands import rollout
@@ -266,14 +267,11 @@ def is_own(module):
     return any(part.startswith(name) for part in module.split(".") for name in suite.DOMAINS)
 
 
-OWN_CLASSES = {
-    node.name
-    for module, tree in MODULES.items()
-    if is_own(module)
-    for node in ast.walk(tree)
-    if isinstance(node, ast.ClassDef)
-}
-SHARED = {module: tree for module, tree in MODULES.items() if not is_own(module)}
+@functools.cache
+def own_classes():
+    """Names of all classes that are a domain's own."""
+    trees = [tree for module, tree in modules().items() if is_own(module)]
+    return {node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
 
 
 def names_a_domain(node):
@@ -282,7 +280,7 @@ def names_a_domain(node):
 
 def names_a_class_of_a_domain(node):
     names = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
-    return (names | {part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute)}) & OWN_CLASSES
+    return (names | {part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute)}) & own_classes()
 
 
 def branches(tree):
@@ -303,9 +301,9 @@ def test_the_search_finds_branches():
     assert sorted(found) == [1, 2, 3]
 
 
-@pytest.mark.parametrize("module", SHARED)
-def test_no_module_branches_on_a_domain_of_which_it_is_not_part(module):
-    assert not [*branches(SHARED[module])]
+def test_no_module_branches_on_a_domain_of_which_it_is_not_part():
+    lines = {module: [*branches(tree)] for module, tree in modules().items() if not is_own(module)}
+    assert {module: found for module, found in lines.items() if found} == {}
 
 
 def test_every_name_of_a_task_has_a_goal():

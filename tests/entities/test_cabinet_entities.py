@@ -146,11 +146,11 @@ LEAST = {"panel", "worktop", "drawer_travel", "drawer_mass", "drawer_friction", 
 LEAST |= {"door_friction", "door_damping", "handle_clearance", "handle_radius", "handle_half_length", "handle_friction"}
 
 
-@pytest.mark.parametrize("value", [1e-12, 5e-324, 1e11, 10**400], ids=["tiny", "subnormal", "large", "huge"])
 @pytest.mark.parametrize("name", ["panel", "handle_half_length", "drawer_mass", "handle_clearance"])
-def test_sizes_and_masses_that_mujoco_does_not_compile_are_refused_by_name(name, value):
-    with pytest.raises(ValueError, match=rf"{name} of a cabinet must be"):
-        entities.CabinetConfig(**{name: value})
+def test_sizes_and_masses_that_mujoco_does_not_compile_are_refused_by_name(name):
+    for value in (1e-12, 5e-324, 1e11, 10**400):
+        with pytest.raises(ValueError, match=rf"{name} of a cabinet must be"):
+            entities.CabinetConfig(**{name: value})
 
 
 @pytest.mark.full

@@ -95,6 +95,7 @@ def test_float32_actions_are_used_as_they_are():
             np.testing.assert_array_equal(observation(ours.step(action)), original.step(action)[0]["observation"])
 
 
+@pytest.mark.full
 def test_one_step_from_a_thousand_states_is_equal():
     reference = reference_model()
     ours = mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=False).arena.mjcf_model).model.ptr

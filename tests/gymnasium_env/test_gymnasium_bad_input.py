@@ -84,7 +84,7 @@ def check_action(env, action):
 
 
 some_action = given(action=st.one_of(junk, numbers, nine))
-test_actions = cases(60)(some_action(check_action))
+test_actions = cases(20)(some_action(check_action))
 test_many_actions = pytest.mark.nightly(cases(800)(some_action(check_action)))
 
 
@@ -99,7 +99,7 @@ def check_reset(env, seed, options):
     assert_works_on(env)
 
 
-test_resets = cases(100)(some_reset(check_reset))
+test_resets = cases(40)(some_reset(check_reset))
 test_many_resets = pytest.mark.nightly(cases(600)(some_reset(check_reset)))
 
 
@@ -172,7 +172,7 @@ def check_state(env, data):
 
 
 some_state = given(data=st.data())
-test_states = cases(60)(some_state(check_state))
+test_states = cases(20)(some_state(check_state))
 test_many_states = pytest.mark.nightly(cases(600)(some_state(check_state)))
 
 
@@ -224,7 +224,7 @@ def check_arguments(arguments):
 
 
 some_arguments = given(arguments=arguments)
-test_arguments = cases(25)(some_arguments(check_arguments))
+test_arguments = cases(10)(some_arguments(check_arguments))
 test_many_arguments = pytest.mark.nightly(cases(200)(some_arguments(check_arguments)))
 
 
@@ -240,7 +240,7 @@ arguments_of_tasks = [
     if argument.owner != "environment"
 ]
 some_load = given(argument=st.sampled_from(arguments_of_tasks), value=st.one_of(junk, st.sampled_from([1e155, 1e308])))
-test_load = cases(15)(some_load(check_load))
+test_load = cases(5)(some_load(check_load))
 test_many_loads = pytest.mark.full(cases(200)(some_load(check_load)))
 
 

@@ -62,9 +62,8 @@ def assert_equal_states(one, other):
 
 
 @each_domain
-@pytest.mark.parametrize("variations", [None, (), []], ids=repr)
-def test_without_variations_no_key_is_added_and_nothing_is_drawn(domain, variations):
-    default, empty = plain(domain), plain(domain, variations=variations)
+def test_without_variations_no_key_is_added_and_nothing_is_drawn(domain):
+    default, empty = plain(domain), plain(domain, variations=())
     assert_same(play(default), play(empty))
     assert_equal_states(default, empty)
     for _, *_, info in play(empty, steps=1):

@@ -32,20 +32,6 @@ def qpos(environment, joints):
     return np.array(environment.physics.bind(joints).qpos)
 
 
-@pytest.mark.parametrize("domain", suite.DOMAINS)
-def test_nothing_varies_by_default(domain):
-    plain, empty = load(domain), load(domain, variations=[])
-    first, second = plain.reset(), empty.reset()
-    for key, value in first.observation.items():
-        np.testing.assert_array_equal(value, second.observation[key])
-    for environment in (plain, empty):
-        assert not environment.task.variations.by_name
-        assert environment.task.variations.values == environment.task.variations.info == {}
-        assert "variation_values" not in environment.task.get_state()
-    streams = [environment.random_state.get_state(legacy=False) for environment in (plain, empty)]
-    np.testing.assert_equal(*streams)
-
-
 @pytest.mark.parametrize(
     ("name", "value", "beyond"),
     [
