@@ -8,14 +8,13 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import kitchen_suite
 from kitchen_suite import checks, files, installation, suite
 from kitchen_suite._version import __version__
 from kitchen_suite.episodes.play import VectorRollout, make_controller
-from kitchen_suite.episodes.report import print_line
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.receipts import TraceRecorder
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -77,19 +76,23 @@ def expected(here: Mapping[str, str]) -> dict[str, str]:
         return {}
 
 
-def examine() -> bool:
-    """Prints a fact a line; returns whether no digest differs from the one known for this kind of processor."""
+def examine(report: Callable[[str], object]) -> bool:
+    """Reports a fact a line; returns whether no digest differs from the one known for this kind of processor."""
+
+    def add(name: str, fact: str) -> None:
+        report(f"{name:<28} {fact}")
+
     for name, fact in _facts().items():
-        _print_fact(name, fact)
+        add(name, fact)
     known = expected(circumstances())
     agrees = True
     try:
         for name, digest in digests():
             verdict = _verdict(digest, known.get(name))
             agrees &= verdict != _DIFFERS
-            _print_fact(f"digest {name}", f"{digest[:12]}, {verdict}")
+            add(f"digest {name}", f"{digest[:12]}, {verdict}")
     except Exception as error:  # Whatever fails here is a fact to be told.
-        _print_fact("digests", f"no episode can be played: {_in_one_line(error)}")
+        add("digests", f"no episode can be played: {_in_one_line(error)}")
     return agrees
 
 
@@ -97,10 +100,6 @@ def _verdict(digest: str, known: str | None) -> str:
     if known is None:
         return "not known for these versions and this kind of processor"
     return "as known for this kind of processor" if digest == known else _DIFFERS
-
-
-def _print_fact(name: str, fact: str) -> None:
-    print_line(f"{name:<28} {fact}")
 
 
 def _facts() -> dict[str, str]:

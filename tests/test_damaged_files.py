@@ -1,4 +1,4 @@
-"""Files of every kind, damaged in any way: refused with an OSError or a ValueError, or read as what was written.
+"""Files that are passed on, damaged in any way: refused with an OSError or a ValueError, or read as what was written.
 
 Some differences cannot be noticed, since nothing else in the files depends on what differs:
   Episodes: statistics and sentence in the metadata, changed by a program that writes the sums of the zip anew. Changed
@@ -34,9 +34,9 @@ from kitchen_suite.episodes import recording
 from kitchen_suite.episodes.episode import PHYSICS_STATE
 from kitchen_suite.episodes.replay import compare, replay_episode
 from kitchen_suite.episodes.spec import EnvironmentSpec
-from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder
-from kitchen_suite.evaluation.receipt import Receipt, Trace, sealed
+from kitchen_suite.evaluation.receipt import Receipt, sealed
 from kitchen_suite.evaluation.scores import EpisodeResult
+from kitchen_suite.evaluation.traces import Trace
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.files import shipped_as
 from kitchen_suite.policies.perceptron import PerceptronPolicy
@@ -222,51 +222,6 @@ class Policies(Kind):
             assert same(policy.arrays, self.policy.arrays)
 
 
-class Evaluations(Kind):
-    """The description and the finished episodes of an evaluation."""
-
-    def __init__(self, folder):
-        self.folder, self.description = folder / "evaluation", {"seed": 3, "conditions": {"a": {"noise": 0.5}}}
-        results = [
-            EpisodeResult(
-                condition="a",
-                episode=index,
-                seed=3 + index,
-                success=bool(index % 2),
-                progress=index / 3,
-                control_steps=7 * index,
-                asked={"kettle": index or None, "microwave": None},
-            )
-            for index in range(4)
-        ]
-        written = EvaluationFolder.create(self.folder, self.description)
-        for result in results:
-            written.add(result)
-        self.results = {(result.condition, result.episode): result for result in results}
-
-    @property
-    def paths(self):
-        # Most damages are of the lines.
-        return [self.folder / EPISODES_FILE, self.folder / EPISODES_FILE, self.folder / DESCRIPTION_FILE]
-
-    def edit(self, path, change):
-        if path.name == DESCRIPTION_FILE:
-            super().edit(path, change)
-            return
-        lines = dict(enumerate(path.read_text().splitlines()))
-        if len(str(change({"": 0}))) % 2:
-            lines = change(lines, json.dumps)
-        else:
-            lines[1] = json.dumps(change(json.loads(lines[1])))
-        path.write_text("".join(f"{line}\n" for line in lines.values()))
-
-    def read(self, is_edit):
-        seeds = {key: result.seed for key, result in self.results.items()}
-        found = EvaluationFolder.resume(self.folder, self.description, seeds).results
-        # Episodes whose lines are missing are played again.
-        assert found.items() <= self.results.items()
-
-
 class Receipts(Kind):
     """A receipt of an evaluation; an entry is changed with the digest of the file made anew."""
 
@@ -372,7 +327,6 @@ KINDS = {
     "episodes": Episodes,
     "specifications": Specifications,
     "policies": Policies,
-    "evaluations": Evaluations,
     "receipts": Receipts,
     "D4RL's files": HumanFiles,
     "Minari datasets": HumanDatasets,

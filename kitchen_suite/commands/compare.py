@@ -100,7 +100,7 @@ def _watch(given: FlagValues, comparison: "PairedComparison") -> None:
     if given.web:
         from kitchen_suite.viewer.episode_page import EpisodePage
 
-        page = EpisodePage(given.web, camera=given.camera)
+        page = EpisodePage(given.web, camera=given.camera, report=print_line)
         with page.open_side_by_side((comparison.first.name, comparison.second.name)) as add:
             add_to_page(comparison, add, given.web_episodes)
 

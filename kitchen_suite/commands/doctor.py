@@ -21,8 +21,9 @@ def define(values: FlagValues) -> None:
 def run(given: FlagValues) -> int | None:
     """Prints a fact a line."""
     from kitchen_suite import doctor
+    from kitchen_suite.episodes.report import print_line
 
-    return None if doctor.examine() else FAILURE
+    return None if doctor.examine(print_line) else FAILURE
 
 
 COMMAND = Command(name="kitchen-doctor", description=DESCRIPTION, define=define, run=run)

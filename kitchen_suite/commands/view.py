@@ -81,6 +81,7 @@ def _choice(given: FlagValues) -> "Choice":
 
 
 def _show(given: FlagValues, choice: "Choice") -> None:
+    from kitchen_suite.episodes.report import print_line
     from kitchen_suite.rendering.cameras import find_camera
     from kitchen_suite.viewer.live_episode import started_episode
     from kitchen_suite.viewer.servers import new_token
@@ -91,11 +92,20 @@ def _show(given: FlagValues, choice: "Choice") -> None:
         flags.prepare_images(episode.spec)
         find_camera(episode.physics, given.camera)
         token = "" if given.no_token else new_token()
-        show(episode, choice, camera=given.camera, render_quality=given.render_quality, port=given.port, token=token)
+        show(
+            episode,
+            choice,
+            camera=given.camera,
+            render_quality=given.render_quality,
+            port=given.port,
+            report=print_line,
+            token=token,
+        )
 
 
 def _teleoperate(given: FlagValues, choice: "Choice") -> None:
     from kitchen_suite.episodes.recording import Recording
+    from kitchen_suite.episodes.report import print_line
     from kitchen_suite.rendering.cameras import find_camera
     from kitchen_suite.viewer.servers import new_token
     from kitchen_suite.viewer.teleoperation import Collection, persons_episode
@@ -120,6 +130,7 @@ def _teleoperate(given: FlagValues, choice: "Choice") -> None:
             camera=given.camera,
             render_quality=given.render_quality,
             port=given.port,
+            report=print_line,
             token="" if given.no_token else new_token(),
         )
 

@@ -81,9 +81,10 @@ def check_page(given: FlagValues) -> None:
 
 def page(given: FlagValues, num_episodes: int | None) -> "contextlib.AbstractContextManager[Watch]":
     """Returns a context of the function that adds steps to the web page, which is written in the end."""
+    from kitchen_suite.episodes.report import print_line
     from kitchen_suite.viewer.episode_page import EpisodePage
 
-    return EpisodePage(given.web, camera=given.camera, num_episodes=num_episodes).open()
+    return EpisodePage(given.web, camera=given.camera, num_episodes=num_episodes, report=print_line).open()
 
 
 def rendering(given: FlagValues) -> dict[str, Any]:

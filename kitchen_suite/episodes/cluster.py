@@ -7,7 +7,6 @@ import itertools
 import os
 import platform
 import signal
-import socket
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
@@ -28,9 +27,6 @@ MIN_CPUS = 0.01
 # Times that Ray plays a part again whose worker has died.
 _MAX_RETRIES = 3
 
-# Ray reads these when it is imported or started: no usage statistics are sent.
-_RAY_VARIABLES = {"RAY_USAGE_STATS_ENABLED": "0"}
-
 
 class ClusterError(OSError):
     """Ray cannot be reached or used, or its workers fail repeatedly."""
@@ -49,8 +45,7 @@ class Cluster:
 
     Workers play at once as far as their processors are free, those of this machine where Ray is started here.
 
-    Raises an ImportError if Ray is not installed, an OSError if nothing answers at the address, a ValueError for a bad
-    one.
+    Raises an ImportError if Ray is not installed.
     """
 
     workers: int
@@ -65,8 +60,6 @@ class Cluster:
                 raise ValueError(f"cpus_per_worker must be at least {MIN_CPUS:g}, got {self.cpus_per_worker}")
         if importlib.util.find_spec("ray") is None:
             raise ImportError(f"workers need Ray: {installation.install_command('ray')}")
-        if self.address not in (None, "auto"):
-            _check_reachable(self.address)
 
     def run(
         self, function: Callable[..., list[T]], arguments: Sequence[Any], items: Sequence[Any], *, num_threads: int
@@ -104,26 +97,27 @@ class Cluster:
     @contextlib.contextmanager
     def _connected(self) -> Iterator[Any]:
         """Connects to Ray, and disconnects or stops it at the end; uses the connection that the program has, if any."""
-        with _environment_defaults():
-            import ray
+        # No usage statistics are sent, unless they are wanted.
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        import ray
 
-            if ray.is_initialized():
-                yield ray
-                return
-            own = {"num_cpus": processors(), "include_dashboard": False} if self.address is None else {}
-            handler = signal.getsignal(signal.SIGTERM)
+        if ray.is_initialized():
+            yield ray
+            return
+        own = {"num_cpus": processors(), "include_dashboard": False} if self.address is None else {}
+        handler = signal.getsignal(signal.SIGTERM)
+        try:
             try:
-                try:
-                    ray.init(self.address or "local", log_to_driver=False, logging_level="ERROR", **own)
-                except (OSError, RuntimeError, ValueError) as error:
-                    raise ClusterError(f"cannot use Ray at {self.address or 'this machine'}: {error}") from error
-                finally:
-                    # Ray replaces it when it is started.
-                    if threading.current_thread() is threading.main_thread():
-                        signal.signal(signal.SIGTERM, handler)
-                yield ray
+                ray.init(self.address or "local", log_to_driver=False, logging_level="ERROR", **own)
+            except (OSError, RuntimeError, ValueError) as error:
+                raise ClusterError(f"cannot use Ray at {self.address or 'this machine'}: {error}") from error
             finally:
-                ray.shutdown()
+                # Ray replaces it when it is started, by one with which the process can end by signal 6.
+                if threading.current_thread() is threading.main_thread():
+                    signal.signal(signal.SIGTERM, handler)
+            yield ray
+        finally:
+            ray.shutdown()
 
 
 def _checked(part: Sequence[Any], shared: tuple[Callable[..., list[T]], tuple[Any, ...], Mapping[str, str]]) -> list[T]:
@@ -145,26 +139,3 @@ def _result(ray: Any, reference: Any) -> list[Any]:
         if not isinstance(cause, ray.exceptions.RayError):
             raise cause from error
         raise ClusterError(f"a part of the episodes could not be played: {' '.join(str(cause).split())}") from error
-
-
-def _check_reachable(address: str) -> None:
-    """Raises a ValueError for a malformed address, an OSError if nothing answers; Ray itself would try for minutes."""
-    host, _, port = address.removeprefix("ray://").rpartition(":")
-    if not host or not port.isdecimal() or not 0 < int(port) < 2**16:
-        forms = "HOST:PORT, ray://HOST:PORT or auto"
-        raise ValueError(f"{checks.shown(address)} is not a Ray address: it must be {forms}")
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=5.0).close()
-    except OSError as error:
-        raise ClusterError(f"no Ray answers at {address}: {error}") from error
-
-
-@contextlib.contextmanager
-def _environment_defaults() -> Iterator[None]:
-    added = {name: value for name, value in _RAY_VARIABLES.items() if name not in os.environ}
-    os.environ.update(added)
-    try:
-        yield
-    finally:
-        for name in added:
-            os.environ.pop(name, None)

@@ -11,7 +11,6 @@ from dm_control import mjcf
 from kitchen_suite import files
 from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.episode import EpisodeBuffer, Watch
-from kitchen_suite.episodes.report import print_line
 from kitchen_suite.rendering.cameras import find_camera
 from kitchen_suite.viewer.scene import Scene, show_both, side_by_side
 from kitchen_suite.viewer.servers import silent_server
@@ -77,9 +76,20 @@ class SceneRecorder(contextlib.ExitStack):
 class EpisodePage:
     """A web page of the first episodes that are played, in any environments."""
 
-    def __init__(self, path: Path, *, camera: str, num_episodes: int | None = None) -> None:
-        """Prepares a page, seen through a camera at first; without a number of episodes it has all of them."""
+    def __init__(
+        self,
+        path: Path,
+        *,
+        camera: str,
+        num_episodes: int | None = None,
+        report: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        """Prepares a page, seen through a camera at first; without a number of episodes it has all of them.
+
+        `report` is called with a line about the file, when it is written.
+        """
         self._path = path
+        self._report = report
         self._camera = camera
         self._num_episodes = num_episodes
         self._page = WebPage()
@@ -134,7 +144,7 @@ class EpisodePage:
             partial.write_text(self._page.html(self._path.stem), encoding="utf-8")
         size = self._path.stat().st_size / 1e6
         end = f", {size:.1f} MB" if is_complete else f" ends early, in episode {len(self._page)}"
-        print_line(f"web page {self._path}{end}")
+        self._report(f"web page {self._path}{end}")
 
     def _add(
         self, recorder: SceneRecorder, steps: Sequence[Step], name: str, labels: tuple[str, str] | None = None

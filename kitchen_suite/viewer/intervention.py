@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, installation
 from kitchen_suite.closing import closed_on_error
-from kitchen_suite.episodes.report import print_line
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.names import EXTRA_PACKAGES
 from kitchen_suite.viewer.hand import HandPanel
@@ -35,7 +34,7 @@ class InterventionWrapper(gymnasium.Wrapper):
     """
 
     def __init__(self, env: gymnasium.Env, port: int = 8080, *, token: bool = True) -> None:
-        """Serves the page at a port of this machine, and prints its address.
+        """Serves the page, at `address`, at a port of this machine.
 
         With a `token`, which the address has, other users of the machine are refused. Raises an ImportError without the
         extra `experts`.
@@ -57,7 +56,6 @@ class InterventionWrapper(gymnasium.Wrapper):
         self._stage: Stage | None = None
         self._timestep: dm_env.TimeStep | None = None
         self._due = 0.0
-        print_line(self.address)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         result = super().reset(seed=seed, options=options)

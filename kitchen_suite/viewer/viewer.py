@@ -8,7 +8,6 @@ from typing import Never
 
 from kitchen_suite.closing import closed_on_error
 from kitchen_suite.episodes.play import REWIND_STEPS
-from kitchen_suite.episodes.report import print_line
 from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.viewer.escaping import escaped
 from kitchen_suite.viewer.hand import HandPanel
@@ -281,11 +280,18 @@ class TeleoperationViewer(Viewer):
 
 
 def show(
-    episode: LiveEpisode, choice: Choice, *, camera: str, render_quality: str, port: int, token: str = ""
+    episode: LiveEpisode,
+    choice: Choice,
+    *,
+    camera: str,
+    render_quality: str,
+    port: int,
+    report: Callable[[str], object],
+    token: str = "",
 ) -> Never:
     """Serves a page at a port of this machine, and plays episodes there until an interrupt, from a started one on.
 
-    With a token, the page is for those who know its address.
+    `report` is called with the address. With a token, the page is for those who know its address.
     """
 
     def start(other: Choice, seed: int) -> LiveEpisode:
@@ -293,7 +299,7 @@ def show(
 
     with local_server(port, "kitchen-view", token) as server:
         page = LivePage(server, exclusive=False)
-        _play(Viewer(page, episode, choice, start, camera=camera), address_of(port, token))
+        _play(Viewer(page, episode, choice, start, camera=camera), address_of(port, token), report)
 
 
 def teleoperate(
@@ -304,6 +310,7 @@ def teleoperate(
     camera: str,
     render_quality: str,
     port: int,
+    report: Callable[[str], object],
     token: str = "",
 ) -> Never:
     """As `show`, in a page in which a person moves the hand, and saves episodes where there is a collection."""
@@ -319,11 +326,11 @@ def teleoperate(
     with local_server(port, "kitchen-view", token) as server:
         page = LivePage(server, exclusive=True)
         viewer = TeleoperationViewer(page, episode, choice, start, camera=camera, collection=collection)
-        _play(viewer, address_of(port, token))
+        _play(viewer, address_of(port, token), report)
 
 
-def _play(viewer: Viewer, address: str) -> Never:
-    print_line(f"{address}  (Ctrl-C ends)")
+def _play(viewer: Viewer, address: str, report: Callable[[str], object]) -> Never:
+    report(f"{address}  (Ctrl-C ends)")
     try:
         while True:
             viewer.update()

@@ -200,6 +200,12 @@ def test_an_error_of_a_policy_in_a_worker_is_reported_in_one_line(run, command):
     assert err.count("\n") == 1
 
 
+def test_the_error_of_ray_about_an_address_is_a_failure_in_one_line(run):
+    status, _, err = run(record, "--output=runs", WORKERS, "--ray_address=nonsense")
+    assert (status, err.count("\n")) == (1, 1)
+    assert "cannot use Ray at nonsense: " in err
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_keeps_the_finished_episodes_and_leaves_no_process(run, tmp_path, number):
     process = open_process(
