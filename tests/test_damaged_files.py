@@ -1,4 +1,4 @@
-"""Files of every kind, damaged in any way: refused with an OSError or a ValueError, or read as what was written.
+"""Files that are passed on, damaged in any way: refused with an OSError or a ValueError, or read as what was written.
 
 Some differences cannot be noticed, since nothing else in the files depends on what differs:
   Episodes: statistics and sentence in the metadata, changed by a program that writes the sums of the zip anew. Changed
@@ -34,13 +34,11 @@ from kitchen_suite.episodes import recording
 from kitchen_suite.episodes.episode import PHYSICS_STATE
 from kitchen_suite.episodes.replay import Verdict, compare, replay_episode
 from kitchen_suite.episodes.spec import EnvironmentSpec
-from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder
 from kitchen_suite.evaluation.receipts import Receipt, Trace, sealed
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
 from kitchen_suite.tasks.kitchen.observation import SIZE as STATE_SIZE
-from kitchen_suite.training import run_folder
 
 # Growth of the process while it reads a damaged file [KiB]; Linux counts so.
 _MAX_GROWTH = 2**20
@@ -222,80 +220,6 @@ class Policies(Kind):
             assert same(policy.arrays, self.policy.arrays)
 
 
-class Runs(Kind):
-    """The description of a training run."""
-
-    def __init__(self, folder):
-        self.folder = folder / "run"
-        self.description = run_folder.RunDescription(
-            domain_name="kitchen",
-            task_name="kettle",
-            task_kwargs={"a": [1.5]},
-            training_kwargs={"c": True},
-            hyperparameters={"b": 2.0},
-            seed=3,
-            data_sha256="0123abcd",
-        )
-        self.description.create(self.folder)
-
-    @property
-    def paths(self):
-        return [self.folder / run_folder.RUN_FILE]
-
-    def read(self, is_edit):
-        self.description.resume(self.folder)
-        entries = json.loads(self.paths[0].read_text())
-        if entries.get("data_sha256") is None:
-            # Those of an earlier version have none.
-            entries["data_sha256"] = self.description.data_sha256
-        assert {**entries, **vars(self.description)} == entries
-
-
-class Evaluations(Kind):
-    """The description and the finished episodes of an evaluation."""
-
-    def __init__(self, folder):
-        self.folder, self.description = folder / "evaluation", {"seed": 3, "conditions": {"a": {"noise": 0.5}}}
-        results = [
-            EpisodeResult(
-                condition="a",
-                episode=index,
-                seed=3 + index,
-                success=bool(index % 2),
-                progress=index / 3,
-                control_steps=7 * index,
-                asked={"kettle": index or None, "microwave": None},
-            )
-            for index in range(4)
-        ]
-        written = EvaluationFolder.create(self.folder, self.description)
-        for result in results:
-            written.add(result)
-        self.results = {(result.condition, result.episode): result for result in results}
-
-    @property
-    def paths(self):
-        # Most damages are of the lines.
-        return [self.folder / EPISODES_FILE, self.folder / EPISODES_FILE, self.folder / DESCRIPTION_FILE]
-
-    def edit(self, path, change):
-        if path.name == DESCRIPTION_FILE:
-            super().edit(path, change)
-            return
-        lines = dict(enumerate(path.read_text().splitlines()))
-        if len(str(change({"": 0}))) % 2:
-            lines = change(lines, json.dumps)
-        else:
-            lines[1] = json.dumps(change(json.loads(lines[1])))
-        path.write_text("".join(f"{line}\n" for line in lines.values()))
-
-    def read(self, is_edit):
-        seeds = {key: result.seed for key, result in self.results.items()}
-        found = EvaluationFolder.resume(self.folder, self.description, seeds).results
-        # Episodes whose lines are missing are played again.
-        assert found.items() <= self.results.items()
-
-
 class Receipts(Kind):
     """A receipt of an evaluation; an entry is changed with the digest of the file made anew."""
 
@@ -397,58 +321,17 @@ class HumanDatasets(HumanData):
         self.check(MinariData(minari.load(name), name))
 
 
-class Checkpoints(Kind):
-    """The checkpoints of a training run, of which the newest is damaged."""
-
-    def __init__(self, folder):
-        import torch
-
-        from kitchen_suite.training import checkpoints
-
-        self.checkpoints, self.folder = checkpoints, folder
-        weights = torch.linspace(-1, 1, 300).reshape(10, 30)
-        progress = {"seconds": 1.5, "processor_seconds": 2.5, "best": (0.0, 1.25), "progress": 0.5, "successes": [0.0]}
-        for steps in (1, 2):
-            checkpoint = checkpoints.Checkpoint(
-                modules={"policy": {"weight": weights * steps}},
-                random=torch.get_rng_state(),
-                steps=steps,
-                warmup_batches=0,
-                **progress,
-            )
-            self.path = checkpoints.save(folder, checkpoint)
-        self.weights = weights
-
-    @property
-    def paths(self):
-        return [self.path]
-
-    def edit(self, path, change):
-        import torch
-
-        torch.save(change(torch.load(path, weights_only=True)), path)
-
-    def read(self, is_edit):
-        checkpoint = self.checkpoints.load_last(self.folder)
-        assert checkpoint.steps in (1, 2)
-        assert checkpoint.modules["policy"]["weight"].equal(self.weights * checkpoint.steps)
-
-
 KINDS = {
     "episodes": Episodes,
     "specifications": Specifications,
     "policies": Policies,
-    "runs": Runs,
-    "evaluations": Evaluations,
     "receipts": Receipts,
     "D4RL's files": HumanFiles,
     "Minari datasets": HumanDatasets,
-    "checkpoints": Checkpoints,
 }
-# PyTorch is not among what the default tests need.
 LONG = ["episodes", "Minari datasets"]
-QUICK = [name for name in KINDS if name not in (*LONG, "checkpoints")]
-NAMES = [*brief([*KINDS][:-1], QUICK, full=LONG), pytest.param("checkpoints", marks=pytest.mark.clients)]
+QUICK = [name for name in KINDS if name not in LONG]
+NAMES = brief([*KINDS], QUICK, full=LONG)
 
 
 @pytest.fixture(scope="module")

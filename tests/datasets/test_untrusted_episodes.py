@@ -11,7 +11,7 @@ from helpers.episodes import load_episode
 from helpers.errors import assert_is_short
 from helpers.sweeps import brief
 
-from kitchen_suite.commands import convert, evaluate, record, replay
+from kitchen_suite.commands import convert, evaluate, record
 from kitchen_suite.episodes.episode import Episode
 from kitchen_suite.episodes.recording import Recording
 
@@ -117,13 +117,6 @@ def test_misshapen_arrays_are_no_episode(forge, kind):
     with pytest.raises(OSError, match="does not hold an episode") as raised:
         Recording.open(folder).load(0)
     assert_is_short(str(raised.value))
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("kind", brief(MISSHAPEN, ["an array and a group", "no actions"]))
-def test_misshapen_arrays_are_not_replayed(forge, capsys, kind):
-    assert replay.main([str(forge(MISSHAPEN[kind]))]) == 1
-    assert capsys.readouterr().err.count("\n") == 1
 
 
 # Every reader asks one function, of which `convert` sees all cases.
