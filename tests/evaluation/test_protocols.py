@@ -8,12 +8,12 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-from docs_scripts import load_script
+from docs_scripts import DOCS, load_script
 from helpers.errors import refused
 from helpers.protocols import domain_of
 from helpers.sweeps import brief
 
-from kitchen_suite import suite
+from kitchen_suite import imports, suite
 from kitchen_suite.commands import evaluate, record
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.evaluation import criteria
@@ -441,7 +441,10 @@ def test_a_dataset_is_given_where_it_is_needed(settings, shown):
 
 
 @pytest.mark.full
-def test_states_are_measured_and_goals_taken_with_the_franka_alone(dataset, tmp_path):
+def test_states_are_measured_and_goals_taken_with_the_franka_alone(dataset, tmp_path, monkeypatch):
+    # Files may name it once somebody has named it here.
+    monkeypatch.syspath_prepend(DOCS / "examples")
+    imports.named("my_arm:MY_ARM", "robot")
     for protocol in ("beso", "goal-reaching"):
         with refused(ValueError, repr(protocol), "'franka'", "'my_arm:MY_ARM'"):
             plan(protocol=protocol, task_kwargs={"robot": "my_arm:MY_ARM", "control_mode": "ee_delta_pose"})
