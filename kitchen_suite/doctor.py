@@ -16,7 +16,7 @@ from kitchen_suite import checks, files, installation, suite
 from kitchen_suite._version import __version__
 from kitchen_suite.episodes.play import VectorRollout, make_controller
 from kitchen_suite.episodes.spec import EnvironmentSpec
-from kitchen_suite.evaluation.receipts import TraceRecorder
+from kitchen_suite.evaluation.traces import TraceRecorder
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.names import EXACT, FAST
 from kitchen_suite.policies import PolicyRef
