@@ -19,13 +19,10 @@ from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.environment.digests import DIGESTS, SCENE, TASK, check_same, digest, digests, scene_digest
-from kitchen_suite.environment.edits import MjcfSnapshot
-from kitchen_suite.environment.named import Names
-from kitchen_suite.environment.physics import Physics
-from kitchen_suite.environment.private_names import check_private_names
-from kitchen_suite.environment.random_states import checked_random, first_seed, make_random_state
-from kitchen_suite.environment.seeds import UNKNOWN, EpisodeSeeds
-from kitchen_suite.environment.states import (
+from kitchen_suite.environment.mjcf_physics import Physics
+from kitchen_suite.environment.named_model import Names
+from kitchen_suite.environment.observation_updater import UnbufferedUpdater
+from kitchen_suite.environment.physics_state import (
     ASLEEP,
     INTEGRATION_STATE,
     check_sleep,
@@ -33,7 +30,10 @@ from kitchen_suite.environment.states import (
     initial_state,
     shared_elements,
 )
-from kitchen_suite.environment.updater import UnbufferedUpdater
+from kitchen_suite.environment.private_names import check_private_names
+from kitchen_suite.environment.random_states import checked_random, first_seed, make_random_state
+from kitchen_suite.environment.seeds import UNKNOWN, EpisodeSeeds
+from kitchen_suite.environment.snapshots import MjcfSnapshot
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.task import SuiteTask
 
@@ -120,7 +120,7 @@ class Environment(composer.Environment):
             plays as its `k`-th. A number is the distance between these seeds. Without it all episodes draw from one
             stream.
           further_names: names by which programs find joints, actuators, bodies and sites of the compiled model, beside
-            their own; see `named`.
+            their own; see `named_model`.
           **kwargs: further arguments of `composer.Environment`.
         """
         if not time_limit > 0:
