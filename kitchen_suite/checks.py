@@ -143,7 +143,7 @@ def keywords(
     choices: Collection[str],
     *,
     what: str,
-    elsewhere: Mapping[str, str] = MappingProxyType({}),
+    hints: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Raises a TypeError unless each name is among the names of the arguments that there are.
 
@@ -151,11 +151,11 @@ def keywords(
       names: of the arguments that are given.
       choices: names of all arguments.
       what: kind of the arguments, for the message.
-      elsewhere: arguments of other functions, with what does the same here, for the message.
+      hints: arguments of other functions, with what does the same here, for the message.
     """
     for name in names:
         if name not in choices:
-            way = elsewhere.get(name) if isinstance(name, str) else None
+            way = hints.get(name) if isinstance(name, str) else None
             raise TypeError(f"unexpected {what} {shown(name)}" + (f": {way}" if way else _hint(name, choices)))
 
 

@@ -2,7 +2,7 @@
 
 from types import MappingProxyType
 
-from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.domain import Domain
 from kitchen_suite.names import (
     FAST,
     GENERATED_KITCHEN_ENVIRONMENT,

@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import checks, files, policies, signatures, suite
-from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.domain import Domain
 from kitchen_suite.entities.arms import FRANKA, ROBOTS, model_digest
 from kitchen_suite.environment.random_states import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env

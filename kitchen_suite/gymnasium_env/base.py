@@ -13,8 +13,8 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
-from kitchen_suite.domains.base import Domain
-from kitchen_suite.domains.elsewhere import OF_LOAD
+from kitchen_suite.domains.argument_hints import LOAD_ONLY
+from kitchen_suite.domains.domain import Domain
 from kitchen_suite.environment import Environment
 from kitchen_suite.environment.seeds import EpisodeSeeds
 from kitchen_suite.gymnasium_env import observations, rendering
@@ -246,7 +246,7 @@ class SuiteEnv(gymnasium.Env):
         """Raises a TypeError unless the environments of a domain have keyword arguments of these names."""
         # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
         choices = domain.arguments(cls).keys() - {"domain", *exclude}
-        checks.keywords(names, choices, what="keyword argument", elsewhere=OF_LOAD)
+        checks.keywords(names, choices, what="keyword argument", hints=LOAD_ONLY)
 
     @classmethod
     def default_of(cls, domain: Domain, name: str) -> Any:

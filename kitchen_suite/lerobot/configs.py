@@ -10,7 +10,7 @@ from kitchen_suite import suite
 from kitchen_suite.adapters.lerobot_env import LeRobotVectorEnv, features_of, make_vector_env
 from kitchen_suite.closing import closed_on_error
 from kitchen_suite.datasets.lerobot import OBS_TYPES
-from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.domain import Domain
 from kitchen_suite.episodes.spec import EnvironmentSpec, merged_kwargs
 
 

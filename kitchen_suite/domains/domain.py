@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from kitchen_suite import checks, signatures
+from kitchen_suite.domains.argument_hints import GYMNASIUM_ONLY
 from kitchen_suite.domains.arguments import Argument, table
-from kitchen_suite.domains.elsewhere import OF_GYMNASIUM
 from kitchen_suite.names import EXACT, FAST, PHYSICS
 
 if TYPE_CHECKING:
@@ -218,7 +218,7 @@ class Domain:
         from kitchen_suite.tasks.settings import Settings
 
         known = self.arguments()
-        checks.keywords(arguments, known, what="argument", elsewhere=OF_GYMNASIUM)
+        checks.keywords(arguments, known, what="argument", hints=GYMNASIUM_ONLY)
         arguments = self.with_contents(arguments)
         arguments = {name: value for name, value in arguments.items() if value is not None or name not in _OMITTED}
         settings = Settings(
