@@ -20,7 +20,7 @@ from kitchen_suite import checks, signatures
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.names import ANY_ENVIRONMENT, EnvironmentClasses
-from kitchen_suite.tasks.control_modes.mode import ActionMode
+from kitchen_suite.tasks.control_modes.action_mode import ActionMode
 from kitchen_suite.tasks.episode.draws import NoDraws, SingleDraws
 from kitchen_suite.tasks.episode.observations import ExtraObservations, Measured
 from kitchen_suite.tasks.episode.part import EpisodePart
@@ -34,10 +34,10 @@ from kitchen_suite.tasks.episode.successes import Successes
 from kitchen_suite.tasks.episode.terminations import Terminations
 from kitchen_suite.tasks.goals import checked_instructions
 from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.metrics import Completions, Metrics, Records
 from kitchen_suite.tasks.observables import Computed, joined
 from kitchen_suite.tasks.pictures import GOAL_PIXELS, Pictures
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
-from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
 from kitchen_suite.tasks.settings import Settings
 from kitchen_suite.tasks.simulation import PhysicsSimulation

@@ -31,5 +31,5 @@ KITCHENS = Domain(
     env=GENERATED_KITCHEN_ENVIRONMENT.single,
     vector_env=GENERATED_KITCHEN_ENVIRONMENT.vector,
     expert="kitchen_suite.policies.experts.generated_kitchens:PartExpert",
-    contents="kitchen_suite.tasks.generated_kitchens.contents:with_contents",
+    contents="kitchen_suite.tasks.generated_kitchens.file_contents:with_contents",
 )

@@ -27,7 +27,7 @@ from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
 from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, BACK, DOWN, FIXED_SKILLS, SKILLS, direction
 from kitchen_suite.policies.experts.skills import ArcMove, HandOrientation, Move, Prismatic, Revolute, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
-from kitchen_suite.tasks.control_modes.modes import make_mode
+from kitchen_suite.tasks.control_modes.registry import make_mode
 from kitchen_suite.tasks.generated_kitchens import mdp
 from kitchen_suite.tasks.generated_kitchens.mdp import SLICES, SLOT_SIZE, SLOT_SLICES, SlotSensors, size
 from kitchen_suite.tasks.generated_kitchens.task import GeneratedKitchenTask

@@ -25,7 +25,7 @@ from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
-from kitchen_suite.tasks.control_modes.modes import make_mode
+from kitchen_suite.tasks.control_modes.registry import make_mode
 from kitchen_suite.tasks.episode import quantities
 from kitchen_suite.tasks.goals import GoalSet, StrictSuccess, Thresholds, make_success
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, CONTROL_TIMESTEP
