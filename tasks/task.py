@@ -22,16 +22,16 @@ from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.names import ANY_ENVIRONMENT, EnvironmentClasses
 from kitchen_suite.tasks.control_modes.action_mode import ActionMode
 from kitchen_suite.tasks.episode.draws import NoDraws, SingleDraws
-from kitchen_suite.tasks.episode.observations import ExtraObservations, Measured
+from kitchen_suite.tasks.episode.extra_observables import NamedQuantities
+from kitchen_suite.tasks.episode.extra_observations import ExtraObservations, Measured
+from kitchen_suite.tasks.episode.extra_successes import ExtraSuccesses
+from kitchen_suite.tasks.episode.extra_terminations import ExtraTerminations
+from kitchen_suite.tasks.episode.noise_and_delay import NoiseAndDelay
 from kitchen_suite.tasks.episode.part import EpisodePart
 from kitchen_suite.tasks.episode.pushes import Pushes
 from kitchen_suite.tasks.episode.quality import QualityMeter
-from kitchen_suite.tasks.episode.quantities import NamedQuantities
 from kitchen_suite.tasks.episode.runner import EpisodeRunner
-from kitchen_suite.tasks.episode.sensing import Sensing
 from kitchen_suite.tasks.episode.state import EpisodeState
-from kitchen_suite.tasks.episode.successes import Successes
-from kitchen_suite.tasks.episode.terminations import Terminations
 from kitchen_suite.tasks.goals import checked_instructions
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.metrics import Completions, Metrics, Records
@@ -209,12 +209,12 @@ class SuiteTask(composer.Task):
         check_recordable(self.successes, f"extra_successes of {type(self).__name__}")
         # In the order in which they act in a control step.
         self._offered_parts: list[EpisodePart] = [
-            Sensing(self.mdp, scene.robot),
+            NoiseAndDelay(self.mdp, scene.robot),
             Pushes(scene, self.mdp),
             *([self.quantities] if self.quantities.size else []),
             *([self.observations] if self.observations.by_name else []),
-            *([Terminations(self.terminations)] if self.terminations else []),
-            *([Successes(self.successes)] if self.successes else []),
+            *([ExtraTerminations(self.terminations)] if self.terminations else []),
+            *([ExtraSuccesses(self.successes)] if self.successes else []),
         ]
         self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
