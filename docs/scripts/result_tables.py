@@ -13,7 +13,7 @@ from dates import read_dates
 from scipy import stats
 from tabulate import tabulate
 
-from kitchen_suite.entities.designs import SPLITS
+from kitchen_suite.entities.kitchen_designs import SPLITS
 from kitchen_suite.evaluation.compare import compare
 from kitchen_suite.evaluation.comparison_tables import format_comparison
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS

@@ -32,8 +32,8 @@ from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Robot
 from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.fixture_designs import KINDS, FixtureDesign
 from kitchen_suite.entities.fixtures import PART_KINDS
+from kitchen_suite.entities.kitchen_styles import STYLES
 from kitchen_suite.entities.props import BURNERS
-from kitchen_suite.entities.styles import STYLES
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.episode.extra_observables import offered

@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from kitchen_suite import checks, files
-from kitchen_suite.entities.designs import SPLITS, KitchenDesign
+from kitchen_suite.entities.kitchen_designs import SPLITS, KitchenDesign
 
 _SHIPPED = Path(__file__).parent / "certificates"
 

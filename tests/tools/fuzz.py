@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks, files
 from kitchen_suite.commands import record
 from kitchen_suite.datasets.human import D4RLData
-from kitchen_suite.entities.designs import KitchenDesign
+from kitchen_suite.entities.kitchen_designs import KitchenDesign
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.plan import EvaluationPlan

@@ -13,9 +13,9 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.designs import KitchenDesign
 from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, build_generated_kitchen
+from kitchen_suite.entities.kitchen_designs import KitchenDesign
 from kitchen_suite.entities.props import Prop
 from kitchen_suite.entities.scenes import robot_base
 from kitchen_suite.names import REVERSES
