@@ -19,7 +19,7 @@ from kitchen_suite.episodes.report import print_line
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.receipts import TraceRecorder
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.names import EXACT, FAST
+from kitchen_suite.physics_names import EXACT, FAST
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.rendering import gl
 from kitchen_suite.vector_env.base import processors

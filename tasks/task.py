@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks, signatures
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
-from kitchen_suite.names import ANY_ENVIRONMENT, EnvironmentClasses
+from kitchen_suite.environment_classes import ANY_ENVIRONMENT, EnvironmentClasses
 from kitchen_suite.tasks.control_modes.action_mode import ActionMode
 from kitchen_suite.tasks.episode.draws import NoDraws, SingleDraws
 from kitchen_suite.tasks.episode.extra_observables import NamedQuantities

@@ -20,7 +20,7 @@ from kitchen_suite.datasets.minari import check_id
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.gymnasium_env import KITCHEN_ID
 from kitchen_suite.gymnasium_env.renderer import RENDER_MODES
-from kitchen_suite.names import PHYSICS
+from kitchen_suite.physics_names import PHYSICS
 from kitchen_suite.policies.trained import SHIPPED
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.training.recipes import ALGORITHMS

@@ -33,7 +33,7 @@ ORDER = (
 )
 GROUND = (
     *("", "_version", "checks", "closing", "files", "imports", "installation"),
-    *("lazy", "names", "signatures", "types", "versions"),
+    *("environment_classes", "kitchen_tasks", "lazy", "physics_names", "signatures", "types", "versions"),
 )
 BESIDE = {"rendering": ()}
 # For users: `kitchen_suite.experts`, `kitchen_suite.load` and `python -m kitchen_suite`.

@@ -32,7 +32,7 @@ from tqdm import tqdm
 from kitchen_suite import policies, suite
 from kitchen_suite.entities.scenes import FastPhysics, KitchenArena
 from kitchen_suite.environment import Environment
-from kitchen_suite.names import EXACT, FAST, PHYSICS
+from kitchen_suite.physics_names import EXACT, FAST, PHYSICS
 from kitchen_suite.policies.trained import SHIPPED, shipped_as
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.control_modes.registry import OFFSET_MODES

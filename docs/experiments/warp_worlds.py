@@ -24,7 +24,7 @@ from kitchen_suite import policies, suite
 from kitchen_suite.adapters.mjcf import BINARY_FILE, export
 from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.spec import EnvironmentSpec
-from kitchen_suite.names import FAST
+from kitchen_suite.physics_names import FAST
 
 TASK = "complete"
 SEED = 0

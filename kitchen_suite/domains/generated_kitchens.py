@@ -3,10 +3,8 @@
 from types import MappingProxyType
 
 from kitchen_suite.domains.domain import Domain
-from kitchen_suite.names import (
-    FAST,
-    GENERATED_KITCHEN_ENVIRONMENT,
-)
+from kitchen_suite.environment_classes import GENERATED_KITCHEN_ENVIRONMENT
+from kitchen_suite.physics_names import FAST
 
 _VERBS = ("open", "close", "turn_on", "turn_off", "move_kettle")
 

@@ -3,7 +3,7 @@
 from types import MappingProxyType
 
 from kitchen_suite.domains.domain import Domain
-from kitchen_suite.names import OPEN_CABINET_ENVIRONMENT
+from kitchen_suite.environment_classes import OPEN_CABINET_ENVIRONMENT
 
 OPEN_CABINET = Domain(
     "open_cabinet",

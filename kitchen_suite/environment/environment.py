@@ -34,7 +34,7 @@ from kitchen_suite.environment.private_names import check_private_names
 from kitchen_suite.environment.random_states import checked_random, first_seed, make_random_state
 from kitchen_suite.environment.seeds import UNKNOWN, EpisodeSeeds
 from kitchen_suite.environment.snapshots import MjcfSnapshot
-from kitchen_suite.names import EXACT
+from kitchen_suite.physics_names import EXACT
 from kitchen_suite.tasks.task import SuiteTask
 
 check_private_names()

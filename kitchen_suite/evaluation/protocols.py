@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import suite
 from kitchen_suite.evaluation import criteria
-from kitchen_suite.names import REVERSES
+from kitchen_suite.kitchen_tasks import REVERSES
 
 # Training takes its seeds from 500,000,000 on, and recordings usually from 0: between them nothing has been trained on.
 UNSEEN_SEED = 400_000_000

@@ -20,7 +20,7 @@ from kitchen_suite.environment.seeds import EpisodeSeeds
 from kitchen_suite.gymnasium_env import observations
 from kitchen_suite.gymnasium_env.observations import Observations, Present
 from kitchen_suite.gymnasium_env.renderer import RENDER_MODES, Renderer, checked_render_mode
-from kitchen_suite.names import EXACT
+from kitchen_suite.physics_names import EXACT
 from kitchen_suite.rendering import cameras
 from kitchen_suite.tasks.pictures import DEFAULT_SIZE as IMAGE_SIZE
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES

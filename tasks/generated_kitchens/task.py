@@ -11,7 +11,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.fixtures import Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.kitchen_plans import Placed
-from kitchen_suite.names import GENERATED_KITCHEN_ENVIRONMENT
+from kitchen_suite.environment_classes import GENERATED_KITCHEN_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.registry import make_mode, split_options
 from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of, design_digest
 from kitchen_suite.tasks.generated_kitchens.mdp import (

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from kitchen_suite import checks
 from kitchen_suite.entities import Scene
 from kitchen_suite.entities.arms import FRANKA
-from kitchen_suite.names import DEFAULT_TASKS, KITCHEN_ENVIRONMENT
+from kitchen_suite.environment_classes import KITCHEN_ENVIRONMENT
+from kitchen_suite.kitchen_tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.control_modes.registry import make_mode, names_for_any_robot, split_options
 from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, make_success
 from kitchen_suite.tasks.highlighting import Highlighting

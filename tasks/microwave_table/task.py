@@ -10,7 +10,7 @@ from dm_control import mjcf
 
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.names import MICROWAVE_TABLE_ENVIRONMENT
+from kitchen_suite.environment_classes import MICROWAVE_TABLE_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.action_mode import ActionMode
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JointOffset
 from kitchen_suite.tasks.control_modes.registry import OFFSET_MODES, make_mode, split_options

@@ -10,7 +10,7 @@ from dm_control import mjcf
 from kitchen_suite import checks
 from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
-from kitchen_suite.names import OPEN_CABINET_ENVIRONMENT
+from kitchen_suite.environment_classes import OPEN_CABINET_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.registry import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.highlighting import Highlighting

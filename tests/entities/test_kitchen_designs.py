@@ -31,7 +31,7 @@ from kitchen_suite.entities.fixture_designs import (
 from kitchen_suite.entities.fixtures import CLEARANCE, PANEL, BoxFixture
 from kitchen_suite.entities.kitchen_designs import SPLITS
 from kitchen_suite.entities.kitchen_styles import STYLES
-from kitchen_suite.names import FAST
+from kitchen_suite.physics_names import FAST
 from kitchen_suite.policies.experts.kitchen_skills import TIP
 
 MINE = {

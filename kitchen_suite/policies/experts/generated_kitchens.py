@@ -18,7 +18,7 @@ from kitchen_suite.entities.generated_kitchen import MAX_PARTS, build_generated_
 from kitchen_suite.entities.kitchen_designs import KitchenDesign
 from kitchen_suite.entities.props import Prop
 from kitchen_suite.entities.scenes import robot_base
-from kitchen_suite.names import REVERSES
+from kitchen_suite.kitchen_tasks import REVERSES
 from kitchen_suite.policies.experts import kitchen_skills, skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ActionEncoder, make_encoder
