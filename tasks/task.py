@@ -131,6 +131,7 @@ class SuiteTask(composer.Task):
       random: the random state that the environment last passed to the task.
       episode: state of the present episode; arrays without leading axes, not to be written to.
       truncates: whether the last step truncated the episode, whatever the environment's time limit.
+      has_begun_step: whether the action of the last `before_step` was accepted, after which a step changes the episode.
     """
 
     default_control_timestep: ClassVar[float]
@@ -223,6 +224,7 @@ class SuiteTask(composer.Task):
         self._reset = Reset()
         self.episode = EpisodeState()
         self.truncates = False
+        self.has_begun_step = False
         self._terminates = False
         self._visualize_reward = False
         self.set_timesteps(control_timestep=self.default_control_timestep, physics_timestep=scene.physics_timestep)
@@ -559,7 +561,9 @@ class SuiteTask(composer.Task):
     def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
         """Sets the actuators' targets for the whole control step; raises as `checked_action`."""
         self.random = random_state
+        self.has_begun_step = False
         checked = self.checked_action(action)
+        self.has_begun_step = True
         if self.mdp.action_mode.reads_derived and not physics.legacy_step:
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
         self._acting = self.runner.act(self.episode, checked, SingleDraws(random_state))

@@ -426,6 +426,7 @@ class SuiteEnv(gymnasium.Env):
         reward 0 and whatever the action.
 
         Raises:
+          gymnasium.error.ResetNeeded: after a step that was interrupted, or in which a term of a custom task failed.
           TypeError: the action does not hold real numbers.
           ValueError: the action has the wrong shape, or holds NaN or inf; nothing has changed then.
         """
