@@ -4,8 +4,8 @@ import kitchen_suite.rendering.without_gl  # noqa: F401
 from kitchen_suite.entities.arms import make_robot
 from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA, PANDA
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
-from kitchen_suite.entities.designs import KitchenDesign
 from kitchen_suite.entities.generated_kitchen import GeneratedKitchen, build_generated_kitchen
+from kitchen_suite.entities.kitchen_designs import KitchenDesign
 from kitchen_suite.entities.parameters import Parameter, ParameterType
 from kitchen_suite.entities.props import (
     Counter,

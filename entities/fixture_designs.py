@@ -25,8 +25,8 @@ from kitchen_suite.entities.fixtures import (
     Handle,
     Part,
 )
+from kitchen_suite.entities.kitchen_styles import Style
 from kitchen_suite.entities.props import Prop
-from kitchen_suite.entities.styles import Style
 from kitchen_suite.types import Vector
 
 Level = Literal["base", "counter", "wall", "tall"]  # Below the counter, on it, above it, or beside it.

@@ -11,8 +11,8 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite.entities import assets
+from kitchen_suite.entities.kitchen_styles import DARK, STEEL, Style
 from kitchen_suite.entities.props import Prop
-from kitchen_suite.entities.styles import DARK, STEEL, Style
 from kitchen_suite.types import Vector
 
 PART_KINDS = ("drawer", "door", "sliding door", "knob", "switch", "kettle")  # Kinds of parts.

@@ -7,14 +7,14 @@ from types import MappingProxyType
 import numpy as np
 
 from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA
-from kitchen_suite.entities.designs import Design, KitchenDesign
 from kitchen_suite.entities.fixtures import GAP, PANEL, Part
+from kitchen_suite.entities.kitchen_designs import Design, KitchenDesign
 from kitchen_suite.entities.kitchen_plans import SIDES, Placed, Side
+from kitchen_suite.entities.kitchen_styles import DARK, STEEL, STYLES, TILES, Style
 from kitchen_suite.entities.parameters import Parameter, door_parameters
 from kitchen_suite.entities.props import Kettle, Prop
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import FLOOR, GeneratedKitchenArena, Scene, exclude_base_contacts
-from kitchen_suite.entities.styles import DARK, STEEL, STYLES, TILES, Style
 from kitchen_suite.types import Vector
 
 MAX_PARTS = 16  # Greatest number of parts in a kitchen.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.fixture_designs import KINDS, AnyFixture, FixtureDesign, Level
-from kitchen_suite.entities.styles import StyleName
+from kitchen_suite.entities.kitchen_styles import StyleName
 
 Side = Literal["back", "left", "right"]
 

@@ -21,7 +21,7 @@ from kitchen_suite.entities.joints import position_sizes
 from kitchen_suite.entities.parameters import POSITION_OFFSET, SLIDING_FRICTION_SCALE, Parameter, scale
 from kitchen_suite.entities.props import Microwave, Prop
 from kitchen_suite.entities.robot import Robot, RobotSpec
-from kitchen_suite.names import EXACT, FAST, PHYSICS
+from kitchen_suite.physics_names import EXACT, FAST, PHYSICS
 
 _PEDESTAL_RADIUS = 0.05  # Radius of the pedestal in generated kitchens [m].
 _PLINTH_RADIUS = 0.09  # Radius of the plinth on the pedestal below a robot that stands higher [m].

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.domain import Domain
 
 if TYPE_CHECKING:
     from kitchen_suite.entities import Scene

@@ -48,6 +48,8 @@ _SYNONYMS: Mapping[str, tuple[str, ...]] = {
 
 _SEPARATORS = re.compile(r"[-_/.\s]+")
 
+_FLOAT64_SIZE = 8  # [bytes]
+
 _MAX_SHOWN = 200  # Characters of a value in a message.
 _SHORTENED = " (shortened) "  # In place of the middle of a longer one.
 
@@ -143,7 +145,7 @@ def keywords(
     choices: Collection[str],
     *,
     what: str,
-    elsewhere: Mapping[str, str] = MappingProxyType({}),
+    hints: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Raises a TypeError unless each name is among the names of the arguments that there are.
 
@@ -151,11 +153,11 @@ def keywords(
       names: of the arguments that are given.
       choices: names of all arguments.
       what: kind of the arguments, for the message.
-      elsewhere: arguments of other functions, with what does the same here, for the message.
+      hints: arguments of other functions, with what does the same here, for the message.
     """
     for name in names:
         if name not in choices:
-            way = elsewhere.get(name) if isinstance(name, str) else None
+            way = hints.get(name) if isinstance(name, str) else None
             raise TypeError(f"unexpected {what} {shown(name)}" + (f": {way}" if way else hint(name, choices)))
 
 
@@ -243,10 +245,12 @@ def vector(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
     if array.shape != (size,):
         number = "" if array.ndim else f", the number {shown(value)}"
         raise ValueError(f"{name} must have shape ({size},), got shape {array.shape}{number}")
-    if array.dtype != np.float64:
-        # Wider types overflow to inf.
+    if array.dtype.itemsize > _FLOAT64_SIZE:
+        # Wider types overflow to inf. The context takes longer than the conversion.
         with np.errstate(over="ignore"):
             array = array.astype(np.float64)
+    elif array.dtype != np.float64:
+        array = array.astype(np.float64)
     if not np.logical_and.reduce(np.isfinite(array)):
         raise ValueError(f"{name} must be finite, got {shown(value)}")
     return array

@@ -18,7 +18,7 @@ from kitchen_suite.episodes.play import VectorRollout, make_controller
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.traces import TraceRecorder
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.names import EXACT, FAST
+from kitchen_suite.physics_names import EXACT, FAST
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.rendering import gl
 from kitchen_suite.vector_env.base import processors

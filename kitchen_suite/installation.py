@@ -7,6 +7,9 @@ from collections.abc import Iterable, Mapping
 # Python that extras need, where it is a newer one than the suite's own.
 EXTRA_PYTHONS: Mapping[str, tuple[int, int]] = {"lerobot": (3, 12)}
 
+# Packages that an extra installs, by the name of the extra, of which an error says that they are missing.
+EXTRA_PACKAGES = {"experts": ("daqp", "mink"), "remote": ("msgpack", "websockets")}
+
 _DISTRIBUTION = "kitchen-suite"
 
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from kitchen_suite import agreement, checks, imports, lazy
-from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.domain import Domain
 from kitchen_suite.domains.generated_kitchens import KITCHENS
 from kitchen_suite.domains.kitchen import KITCHEN
 from kitchen_suite.domains.microwave_table import MICROWAVE_TABLE
 from kitchen_suite.domains.open_cabinet import OPEN_CABINET
-from kitchen_suite.names import ANY_ENVIRONMENT
+from kitchen_suite.environment_classes import ANY_ENVIRONMENT
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment

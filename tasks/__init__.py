@@ -1,9 +1,9 @@
 """The tasks, by domain: observables, actions, rewards, termination and the start of episodes."""
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
-from kitchen_suite.names import DEFAULT_TASKS
-from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
-from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
+from kitchen_suite.kitchen_tasks import DEFAULT_TASKS
+from kitchen_suite.tasks.control_modes.action_mode import ActionMode, unit_spec
+from kitchen_suite.tasks.control_modes.registry import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.generated_kitchens.task import GeneratedKitchenTask
 from kitchen_suite.tasks.goals import Goal
 from kitchen_suite.tasks.kitchen.goals import GOALS

@@ -11,7 +11,7 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.tasks.control_modes.mode import ActionMode
+from kitchen_suite.tasks.control_modes.action_mode import ActionMode
 from kitchen_suite.tasks.sensors import Sensors
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Observation, RewardTerm, Transition, total

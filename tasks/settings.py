@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from kitchen_suite import checks
-from kitchen_suite.names import EXACT
+from kitchen_suite.physics_names import EXACT
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -19,25 +19,25 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks, signatures
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
-from kitchen_suite.names import ANY_ENVIRONMENT, EnvironmentClasses
-from kitchen_suite.tasks.control_modes.mode import ActionMode
+from kitchen_suite.environment_classes import ANY_ENVIRONMENT, EnvironmentClasses
+from kitchen_suite.tasks.control_modes.action_mode import ActionMode
 from kitchen_suite.tasks.episode.draws import NoDraws, SingleDraws
-from kitchen_suite.tasks.episode.observations import ExtraObservations, Measured
+from kitchen_suite.tasks.episode.extra_observables import NamedQuantities
+from kitchen_suite.tasks.episode.extra_observations import ExtraObservations, Measured
+from kitchen_suite.tasks.episode.extra_successes import ExtraSuccesses
+from kitchen_suite.tasks.episode.extra_terminations import ExtraTerminations
+from kitchen_suite.tasks.episode.noise_and_delay import NoiseAndDelay
 from kitchen_suite.tasks.episode.part import EpisodePart
 from kitchen_suite.tasks.episode.pushes import Pushes
 from kitchen_suite.tasks.episode.quality import QualityMeter
-from kitchen_suite.tasks.episode.quantities import NamedQuantities
 from kitchen_suite.tasks.episode.runner import EpisodeRunner
-from kitchen_suite.tasks.episode.sensing import Sensing
 from kitchen_suite.tasks.episode.state import EpisodeState
-from kitchen_suite.tasks.episode.successes import Successes
-from kitchen_suite.tasks.episode.terminations import Terminations
 from kitchen_suite.tasks.goals import checked_instructions
 from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.metrics import Completions, Metrics, Records
 from kitchen_suite.tasks.observables import Computed, joined
 from kitchen_suite.tasks.pictures import GOAL_PIXELS, Pictures
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
-from kitchen_suite.tasks.records import Completions, Metrics, Records
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES, Requests, Reset
 from kitchen_suite.tasks.settings import Settings
 from kitchen_suite.tasks.simulation import PhysicsSimulation
@@ -131,6 +131,7 @@ class SuiteTask(composer.Task):
       random: the random state that the environment last passed to the task.
       episode: state of the present episode; arrays without leading axes, not to be written to.
       truncates: whether the last step truncated the episode, whatever the environment's time limit.
+      has_begun_step: whether the action of the last `before_step` was accepted, after which a step changes the episode.
     """
 
     default_control_timestep: ClassVar[float]
@@ -209,12 +210,12 @@ class SuiteTask(composer.Task):
         check_recordable(self.successes, f"extra_successes of {type(self).__name__}")
         # In the order in which they act in a control step.
         self._offered_parts: list[EpisodePart] = [
-            Sensing(self.mdp, scene.robot),
+            NoiseAndDelay(self.mdp, scene.robot),
             Pushes(scene, self.mdp),
             *([self.quantities] if self.quantities.size else []),
             *([self.observations] if self.observations.by_name else []),
-            *([Terminations(self.terminations)] if self.terminations else []),
-            *([Successes(self.successes)] if self.successes else []),
+            *([ExtraTerminations(self.terminations)] if self.terminations else []),
+            *([ExtraSuccesses(self.successes)] if self.successes else []),
         ]
         self.observed = self._make_observables()
         self._requested_variations = variations, variation_split
@@ -223,6 +224,7 @@ class SuiteTask(composer.Task):
         self._reset = Reset()
         self.episode = EpisodeState()
         self.truncates = False
+        self.has_begun_step = False
         self._terminates = False
         self._visualize_reward = False
         self.set_timesteps(control_timestep=self.default_control_timestep, physics_timestep=scene.physics_timestep)
@@ -559,7 +561,9 @@ class SuiteTask(composer.Task):
     def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
         """Sets the actuators' targets for the whole control step; raises as `checked_action`."""
         self.random = random_state
+        self.has_begun_step = False
         checked = self.checked_action(action)
+        self.has_begun_step = True
         if self.mdp.action_mode.reads_derived and not physics.legacy_step:
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
         self._acting = self.runner.act(self.episode, checked, SingleDraws(random_state))

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.names import MAX_NAME_PARTS
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.types import Array
+
+# Greatest number of parts in the name of a recorded array, such as the three of `info/reward/approach`.
+MAX_NAME_PARTS = 8
 
 # Greatest number of parts in the name of a term: a recording has it as `info/reward/<name>`.
 _MAX_PARTS = MAX_NAME_PARTS - 2

@@ -15,8 +15,8 @@ from kitchen_suite.datasets.formats import FORMATS
 from kitchen_suite.datasets.minari import check_id
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.gymnasium_env import KITCHEN_ID
-from kitchen_suite.gymnasium_env.rendering import RENDER_MODES
-from kitchen_suite.names import PHYSICS
+from kitchen_suite.gymnasium_env.renderer import RENDER_MODES
+from kitchen_suite.physics_names import PHYSICS
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.training.recipes import ALGORITHMS
 

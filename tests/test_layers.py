@@ -31,7 +31,7 @@ ORDER = (
 )
 GROUND = (
     *("", "_version", "checks", "closing", "files", "imports", "installation"),
-    *("lazy", "names", "signatures", "types", "versions"),
+    *("environment_classes", "kitchen_tasks", "lazy", "physics_names", "signatures", "types", "versions"),
 )
 BESIDE = {"rendering": ()}
 # For users: `kitchen_suite.experts`, `kitchen_suite.load` and `python -m kitchen_suite`.
@@ -43,7 +43,7 @@ ALIASES = {
 }
 
 # Their tables name, by strings, what is in packages above them, and is imported when it is first used.
-TABLES = ("", "names", "domains")
+TABLES = ("", "environment_classes", "domains")
 
 
 def package(module):

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from original import original_model, patched_kitchen_env
 
 from kitchen_suite import suite
-from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.domain import Domain
 from kitchen_suite.entities import OpenCabinetScene, build_kitchen_scene, build_open_cabinet_scene
 from kitchen_suite.environment import INTEGRATION_STATE, Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv

@@ -19,7 +19,7 @@ import numpy as np
 from experiment import make_parser
 from tabulate import tabulate
 
-from kitchen_suite.entities.designs import SPLITS
+from kitchen_suite.entities.kitchen_designs import SPLITS
 from kitchen_suite.evaluation.certification import check_certificates, write_certificates
 from kitchen_suite.tasks.generated_kitchens.certificates import Certificate, default_path
 from kitchen_suite.tasks.variations.layouts import CLEARANCE_TOLERANCE

@@ -18,7 +18,7 @@ from tabulate import tabulate
 from kitchen_suite import suite
 from kitchen_suite.environment import Environment
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
-from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
+from kitchen_suite.tasks.control_modes.registry import OFFSET_MODES
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES
 
 MODES = {"kitchen": CONTROL_MODES, "open_cabinet": OFFSET_MODES, "microwave_table": OFFSET_MODES}

@@ -32,10 +32,10 @@ from tqdm import tqdm
 from kitchen_suite import policies, suite
 from kitchen_suite.entities.scenes import FastPhysics, KitchenArena
 from kitchen_suite.environment import Environment
-from kitchen_suite.names import EXACT, FAST, PHYSICS
+from kitchen_suite.physics_names import EXACT, FAST, PHYSICS
 from kitchen_suite.policies.files import SHIPPED, shipped_as
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
-from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
+from kitchen_suite.tasks.control_modes.registry import OFFSET_MODES
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, CONTROL_TIMESTEP
 
 TASKS = tuple(task.replace(" ", "_") for task in GOALS)

@@ -29,7 +29,7 @@ from tqdm import tqdm, trange
 from kitchen_suite import policies, suite
 from kitchen_suite.domains.generated_kitchens import KITCHENS
 from kitchen_suite.entities import KitchenDesign, build_generated_kitchen
-from kitchen_suite.entities.designs import SPLITS
+from kitchen_suite.entities.kitchen_designs import SPLITS
 from kitchen_suite.evaluation.certification import certify
 from kitchen_suite.evaluation.scores import wilson
 from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of

@@ -24,7 +24,7 @@ from PIL import Image, ImageDraw
 from kitchen_suite import suite
 from kitchen_suite.entities.fixture_designs import HANDLES
 from kitchen_suite.entities.joints import addresses
-from kitchen_suite.entities.styles import STYLES
+from kitchen_suite.entities.kitchen_styles import STYLES
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, rotations

@@ -12,7 +12,7 @@ import benchmark_tables
 from scipy import stats
 from tabulate import tabulate
 
-from kitchen_suite.entities.designs import SPLITS
+from kitchen_suite.entities.kitchen_designs import SPLITS
 from kitchen_suite.evaluation.compare import compare
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
 from kitchen_suite.evaluation.text import format_comparison

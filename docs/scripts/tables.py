@@ -32,13 +32,13 @@ from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Robot
 from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.fixture_designs import KINDS, FixtureDesign
 from kitchen_suite.entities.fixtures import PART_KINDS
+from kitchen_suite.entities.kitchen_styles import STYLES
 from kitchen_suite.entities.props import BURNERS
-from kitchen_suite.entities.styles import STYLES
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
+from kitchen_suite.tasks.episode.extra_observables import offered
+from kitchen_suite.tasks.episode.noise_and_delay import NoiseAndDelay
 from kitchen_suite.tasks.episode.pushes import Pushes
-from kitchen_suite.tasks.episode.quantities import offered
-from kitchen_suite.tasks.episode.sensing import Sensing
 from kitchen_suite.tasks.generated_kitchens import mdp as kitchens
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.variations import DONE, done_parameter
@@ -581,7 +581,7 @@ def parameter_rows(domain: str) -> dict[str, tuple[str, ...]]:
     present = {row.group for row in suite.DOMAINS[domain].resolve("task").varied}
     groups = [group for group in GROUPS if group in present]
     task = suite.load(domain, suite.default_task(domain), options | {"variations": groups}).task
-    own = (*Sensing(task.mdp, task.robot).parameters, *Pushes.parameters)
+    own = (*NoiseAndDelay(task.mdp, task.robot).parameters, *Pushes.parameters)
     units = {each.name: each.unit for each in (*task.scene.parameters, *own)}
     if DONE in task.variations.by_name:
         units[DONE] = done_parameter(task.scene, dict).unit

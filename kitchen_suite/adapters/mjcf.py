@@ -17,7 +17,7 @@ from dm_env import specs
 from kitchen_suite import files
 from kitchen_suite.environment import Environment
 from kitchen_suite.environment.mjcf_values import Difference, greatest_difference, write_values
-from kitchen_suite.environment.states import INTEGRATION_STATE
+from kitchen_suite.environment.physics_state import INTEGRATION_STATE
 from kitchen_suite.episodes.spec import EnvironmentSpec, reset_to_seed
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.tasks.requests import VARIATION_VALUES

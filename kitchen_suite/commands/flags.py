@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from absl import flags
 
 from kitchen_suite import checks, files, imports
-from kitchen_suite.names import PHYSICS
+from kitchen_suite.physics_names import PHYSICS
 from kitchen_suite.rendering import gl
 
 if TYPE_CHECKING:

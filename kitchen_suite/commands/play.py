@@ -103,7 +103,7 @@ def _shipped_policies() -> str:
 
 def _row(path: Path) -> dict[str, str]:
     """Returns task, physics, success in the evaluation that chose it, networks and file size of a policy, by column."""
-    from kitchen_suite.names import EXACT
+    from kitchen_suite.physics_names import EXACT
     from kitchen_suite.policies import load_policy
 
     policy = load_policy(path)

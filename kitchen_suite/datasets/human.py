@@ -29,8 +29,8 @@ from kitchen_suite.gymnasium_env.observations import Present
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import FRANKA_SLICES, ROUNDING, SIZE, KitchenReading
+from kitchen_suite.tasks.metrics import Metrics
 from kitchen_suite.tasks.orders import order_of, sequence_of
-from kitchen_suite.tasks.records import Metrics
 from kitchen_suite.versions import installed_versions
 
 ACTION_SIZE = 9  # Numbers of an action of the kitchen.

@@ -2,11 +2,9 @@
 
 from types import MappingProxyType
 
-from kitchen_suite.domains.base import Domain
-from kitchen_suite.names import (
-    FAST,
-    GENERATED_KITCHEN_ENVIRONMENT,
-)
+from kitchen_suite.domains.domain import Domain
+from kitchen_suite.environment_classes import GENERATED_KITCHEN_ENVIRONMENT
+from kitchen_suite.physics_names import FAST
 
 _VERBS = ("open", "close", "turn_on", "turn_off", "move_kettle")
 
@@ -31,5 +29,5 @@ KITCHENS = Domain(
     env=GENERATED_KITCHEN_ENVIRONMENT.single,
     vector_env=GENERATED_KITCHEN_ENVIRONMENT.vector,
     expert="kitchen_suite.policies.experts.generated_kitchens:PartExpert",
-    contents="kitchen_suite.tasks.generated_kitchens.contents:with_contents",
+    contents="kitchen_suite.tasks.generated_kitchens.file_contents:with_contents",
 )

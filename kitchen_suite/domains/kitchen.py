@@ -2,13 +2,9 @@
 
 from types import MappingProxyType
 
-from kitchen_suite.domains.base import Domain
-from kitchen_suite.names import (
-    DEFAULT_TASKS,
-    FURTHER_TASKS,
-    KITCHEN_ENVIRONMENT,
-    TASK_SETS,
-)
+from kitchen_suite.domains.domain import Domain
+from kitchen_suite.environment_classes import KITCHEN_ENVIRONMENT
+from kitchen_suite.kitchen_tasks import DEFAULT_TASKS, FURTHER_TASKS, TASK_SETS
 
 _GOALS = {
     **{name.replace(" ", "_"): (name,) for name in DEFAULT_TASKS},

@@ -2,8 +2,8 @@
 
 from types import MappingProxyType
 
-from kitchen_suite.domains.base import Domain
-from kitchen_suite.names import MICROWAVE_TABLE_ENVIRONMENT
+from kitchen_suite.domains.domain import Domain
+from kitchen_suite.environment_classes import MICROWAVE_TABLE_ENVIRONMENT
 
 MICROWAVE_TABLE = Domain(
     "microwave_table",

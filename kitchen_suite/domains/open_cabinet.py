@@ -2,8 +2,8 @@
 
 from types import MappingProxyType
 
-from kitchen_suite.domains.base import Domain
-from kitchen_suite.names import OPEN_CABINET_ENVIRONMENT
+from kitchen_suite.domains.domain import Domain
+from kitchen_suite.environment_classes import OPEN_CABINET_ENVIRONMENT
 
 OPEN_CABINET = Domain(
     "open_cabinet",

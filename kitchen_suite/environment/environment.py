@@ -14,18 +14,15 @@ from dm_control import composer
 from dm_control.composer.observation import observable
 from dm_control.rl import control
 from dm_env import specs
-from gymnasium.error import ClosedEnvironmentError
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.environment.digests import DIGESTS, SCENE, TASK, check_same, digest, digests, scene_digest
-from kitchen_suite.environment.edits import MjcfSnapshot
-from kitchen_suite.environment.named import Names
-from kitchen_suite.environment.physics import Physics
-from kitchen_suite.environment.private_names import check_private_names
-from kitchen_suite.environment.random_states import checked_random, first_seed, make_random_state
-from kitchen_suite.environment.seeds import UNKNOWN, EpisodeSeeds
-from kitchen_suite.environment.states import (
+from kitchen_suite.environment.mjcf_physics import Physics
+from kitchen_suite.environment.named_model import Names
+from kitchen_suite.environment.observation_updater import UnbufferedUpdater
+from kitchen_suite.environment.physics_state import (
     ASLEEP,
     INTEGRATION_STATE,
     check_sleep,
@@ -33,8 +30,11 @@ from kitchen_suite.environment.states import (
     initial_state,
     shared_elements,
 )
-from kitchen_suite.environment.updater import UnbufferedUpdater
-from kitchen_suite.names import EXACT
+from kitchen_suite.environment.private_names import check_private_names
+from kitchen_suite.environment.random_states import checked_random, first_seed, make_random_state
+from kitchen_suite.environment.seeds import UNKNOWN, EpisodeSeeds
+from kitchen_suite.environment.snapshots import MjcfSnapshot
+from kitchen_suite.physics_names import EXACT
 from kitchen_suite.tasks.task import SuiteTask
 
 check_private_names()
@@ -75,7 +75,8 @@ class Environment(composer.Environment):
       between them; see `_plan_substeps`.
     - The time limit is counted in control steps. composer compares sums of physics times, which ends an episode of 280
       steps with the 281st.
-    - After a `PhysicsError` the next `step` starts a new episode.
+    - After a `PhysicsError` the next `step` starts a new episode. After another error or an interrupt within a step it
+      raises a `gymnasium.error.ResetNeeded` until `reset`.
     - The model is compiled when the environment is built, and again at a reset if the MJCF has been edited meanwhile,
       or always with `recompile_mjcf_every_episode=True`. Otherwise `physics` stays the same object, with what a user
       has changed in `physics.model`.
@@ -95,6 +96,8 @@ class Environment(composer.Environment):
     _scene_digest: str | None = None
     _own_digests: dict[str, str]
     _mjcf_never_compiled: bool
+    # Whether the last step was interrupted, which may have left physics and task at different steps.
+    _needs_reset: bool = False
     _random_state: np.random.RandomState
 
     def __init__(
@@ -120,7 +123,7 @@ class Environment(composer.Environment):
             plays as its `k`-th. A number is the distance between these seeds. Without it all episodes draw from one
             stream.
           further_names: names by which programs find joints, actuators, bodies and sites of the compiled model, beside
-            their own; see `named`.
+            their own; see `named_model`.
           **kwargs: further arguments of `composer.Environment`.
         """
         if not time_limit > 0:
@@ -250,6 +253,7 @@ class Environment(composer.Environment):
         timestep = super().reset()
         self._task.read_evaluated()
         self._step_count = 0
+        self._needs_reset = False
         self._plan_substeps()
         return timestep._replace(observation=self._flatten(timestep.observation))
 
@@ -271,10 +275,16 @@ class Environment(composer.Environment):
     def step(self, action: ArrayLike) -> dm_env.TimeStep:
         if self._reset_next_step:
             return self.reset()
+        if self._needs_reset:
+            raise ResetNeeded("call reset(): the last step was interrupted")
         try:
             timestep = super().step(action)
         except control.PhysicsError:
             self._reset_next_step = True
+            raise
+        except BaseException:
+            # An action that is refused changes nothing.
+            self._needs_reset = self._task.has_begun_step
             raise
         self._step_count += 1
         if timestep.mid() and self._step_count >= self.step_limit:
@@ -311,7 +321,7 @@ class Environment(composer.Environment):
             self._hooks.initialize_episode(self._physics_proxy, self._random_state)
         self._task.read_evaluated()
         self._step_count = 0
-        self._reset_next_step = False
+        self._reset_next_step = self._needs_reset = False
 
     def continue_episode(self) -> None:
         """Makes the next `step` continue an episode that has ended."""
@@ -343,7 +353,7 @@ class Environment(composer.Environment):
             "physics": physics[self._is_shared],
             "task": self._task.get_state(),
             "step_count": self._step_count,
-            "reset_next_step": self._reset_next_step,
+            "reset_next_step": self._reset_next_step or self._needs_reset,
             "random": self._random_state.get_state(legacy=False),
             **({} if scene.physics == EXACT else {_PHYSICS_NAME: scene.physics}),
             **({ASLEEP: self._physics.data.ptr.tree_asleep.copy()} if scene.sleeps else {}),
@@ -401,6 +411,7 @@ class Environment(composer.Environment):
         self._task.read_evaluated()
         self._step_count = step_count
         self._reset_next_step = bool(state["reset_next_step"])
+        self._needs_reset = False
         self._observation_updater.reset(self._physics_proxy, self._random_state)
         # The random state goes last: a user's corruptor may have drawn for the observation.
         self._random_state.set_state(random)

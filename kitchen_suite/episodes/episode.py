@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from kitchen_suite import checks, files
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
-from kitchen_suite.names import MAX_NAME_PARTS
-from kitchen_suite.tasks.records import Metrics
+from kitchen_suite.tasks.metrics import Metrics
+from kitchen_suite.tasks.terms import MAX_NAME_PARTS
 
 
 class Step(NamedTuple):

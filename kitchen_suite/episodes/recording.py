@@ -16,7 +16,7 @@ from kitchen_suite.episodes.episode import Episode, NamedArrays, Summary
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.episodes.transitions import Transitions
 from kitchen_suite.policies import PolicyError
-from kitchen_suite.tasks.records import Metrics
+from kitchen_suite.tasks.metrics import Metrics
 
 SPEC_FILE, _PATTERN = "recording.json", "episode_*.npz"
 _RECORDING = files.DescribedFolder(SPEC_FILE, "a recording", _PATTERN)

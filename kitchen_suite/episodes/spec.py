@@ -13,12 +13,12 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import checks, files, policies, signatures, suite
-from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.domain import Domain
 from kitchen_suite.entities.arms import model_digest
 from kitchen_suite.environment.random_states import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import has_pictures
-from kitchen_suite.names import EXACT
+from kitchen_suite.physics_names import EXACT
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations.distributions import NONE, unified

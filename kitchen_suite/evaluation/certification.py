@@ -22,7 +22,7 @@ import numpy as np
 from tqdm import tqdm
 
 from kitchen_suite import checks, policies, suite
-from kitchen_suite.entities.designs import SPLITS, KitchenDesign
+from kitchen_suite.entities.kitchen_designs import SPLITS, KitchenDesign
 from kitchen_suite.policies.experts.generated_kitchens import reached_handles
 from kitchen_suite.tasks.generated_kitchens import certificates
 from kitchen_suite.tasks.generated_kitchens.certificates import Certificate

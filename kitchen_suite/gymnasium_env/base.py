@@ -13,13 +13,14 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
-from kitchen_suite.domains.base import Domain
-from kitchen_suite.domains.elsewhere import OF_LOAD
+from kitchen_suite.domains.argument_hints import LOAD_ONLY
+from kitchen_suite.domains.domain import Domain
 from kitchen_suite.environment import Environment
 from kitchen_suite.environment.seeds import EpisodeSeeds
-from kitchen_suite.gymnasium_env import observations, rendering
+from kitchen_suite.gymnasium_env import observations
 from kitchen_suite.gymnasium_env.observations import Observations, Present
-from kitchen_suite.names import EXACT
+from kitchen_suite.gymnasium_env.renderer import RENDER_MODES, Renderer, checked_render_mode
+from kitchen_suite.physics_names import EXACT
 from kitchen_suite.rendering import cameras
 from kitchen_suite.tasks.pictures import DEFAULT_SIZE as IMAGE_SIZE
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES
@@ -68,7 +69,7 @@ class SuiteEnv(gymnasium.Env):
       environment_options: further arguments of the suite's environment.
     """
 
-    metadata = {"render_modes": list(rendering.RENDER_MODES)}
+    metadata = {"render_modes": list(RENDER_MODES)}
     default_domain: ClassVar[str] = ""
     obs_types: ClassVar[tuple[str, ...]] = tuple(name for name in observations.OBS_TYPES if name != "goal")
     default_cameras: ClassVar[tuple[str, ...]] = ("overview",)
@@ -161,7 +162,7 @@ class SuiteEnv(gymnasium.Env):
         obs_type = self.find_obs_type(obs_type)
         with_pictures = observations.has_pictures(obs_type)
         options = observations.picture_options(arguments, obs_type, self.obs_types, self.default_cameras)
-        self.renderer = rendering.Renderer(
+        self.renderer = Renderer(
             width=width,
             height=height,
             camera_id=camera_id,
@@ -170,7 +171,7 @@ class SuiteEnv(gymnasium.Env):
             max_geom=max_geom,
             visual_options=visual_options,
         )
-        self.render_mode = None if render_mode is None else rendering.checked_render_mode(render_mode)
+        self.render_mode = None if render_mode is None else checked_render_mode(render_mode)
         if max_episode_steps is not None:
             checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
         # LeRobot reads it with the underscore.
@@ -246,7 +247,7 @@ class SuiteEnv(gymnasium.Env):
         """Raises a TypeError unless the environments of a domain have keyword arguments of these names."""
         # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
         choices = domain.arguments(cls).keys() - {"domain", *exclude}
-        checks.keywords(names, choices, what="keyword argument", elsewhere=OF_LOAD)
+        checks.keywords(names, choices, what="keyword argument", hints=LOAD_ONLY)
 
     @classmethod
     def default_of(cls, domain: Domain, name: str) -> Any:
@@ -425,6 +426,7 @@ class SuiteEnv(gymnasium.Env):
         reward 0 and whatever the action.
 
         Raises:
+          gymnasium.error.ResetNeeded: after a step that was interrupted, or in which a term of a custom task failed.
           TypeError: the action does not hold real numbers.
           ValueError: the action has the wrong shape, or holds NaN or inf; nothing has changed then.
         """

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from kitchen_suite.entities.designs import Design
+from kitchen_suite.entities.kitchen_designs import Design
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_TIMESTEP
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env import observations, original
 from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT, SuiteEnv
-from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.kitchen_tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goal_rewards import (

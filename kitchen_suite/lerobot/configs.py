@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from kitchen_suite import installation, suite
 from kitchen_suite.closing import closed_on_error
-from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.domain import Domain
 from kitchen_suite.episodes.spec import EnvironmentSpec, merged_kwargs
 from kitchen_suite.lerobot.environments import LeRobotVectorEnv, features_of, make_vector_env
 from kitchen_suite.lerobot.observations import OBS_TYPES

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, imports, installation
-from kitchen_suite.names import EXTRA_PACKAGES
+from kitchen_suite.installation import EXTRA_PACKAGES
 from kitchen_suite.policies.registry import ADDRESS, POLICIES, Policy, PolicyBuilder, PolicyError, PolicySource
 
 if TYPE_CHECKING:

@@ -13,11 +13,11 @@ import tree
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import INTEGRATION_STATE, Environment
-from kitchen_suite.environment.edits import ModelSnapshot, read_field, write_field
+from kitchen_suite.environment.physics_state import moving_elements
 from kitchen_suite.environment.seeds import EpisodeSeeds
-from kitchen_suite.environment.states import moving_elements
+from kitchen_suite.environment.snapshots import ModelSnapshot, read_field, write_field
 from kitchen_suite.gymnasium_env.base import PHYSICS_KEY
-from kitchen_suite.names import EXACT
+from kitchen_suite.physics_names import EXACT
 from kitchen_suite.tasks.episode.draws import BatchDraws
 from kitchen_suite.tasks.episode.part import EpisodePart, MeasuringPart
 from kitchen_suite.tasks.episode.pushes import Pushes

@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 
 from kitchen_suite.closing import closed_on_error
-from kitchen_suite.entities.designs import Design, KitchenDesign
+from kitchen_suite.entities.kitchen_designs import Design, KitchenDesign
 from kitchen_suite.gymnasium_env.generated_kitchens import GeneratedKitchenEnv
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 

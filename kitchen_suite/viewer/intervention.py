@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks, installation
 from kitchen_suite.closing import closed_on_error
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.names import EXTRA_PACKAGES
+from kitchen_suite.installation import EXTRA_PACKAGES
 from kitchen_suite.viewer.hand import HandPanel
 from kitchen_suite.viewer.live_page import LivePage
 from kitchen_suite.viewer.servers import address_of, local_server, new_token

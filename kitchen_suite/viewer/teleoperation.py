@@ -16,7 +16,7 @@ from kitchen_suite.episodes.play import RewindableRollout
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.names import EXTRA_PACKAGES
+from kitchen_suite.installation import EXTRA_PACKAGES
 from kitchen_suite.policies import PolicyBuilder, PolicyRef
 from kitchen_suite.viewer.live_episode import Choice, LiveEpisode
 

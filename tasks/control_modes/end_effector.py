@@ -12,8 +12,8 @@ from kitchen_suite import checks
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes import inverse_kinematics
+from kitchen_suite.tasks.control_modes.action_mode import ActionMode, unit_spec
 from kitchen_suite.tasks.control_modes.joints import MAX_SPEED, ArmServos, Gripper
-from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
 from kitchen_suite.tasks.simulation import Simulation, as_columns
 from kitchen_suite.types import Array
 

@@ -10,7 +10,7 @@ from dm_env import specs
 from kitchen_suite import checks
 from kitchen_suite.entities.arms.franka import PANDA, PANDA_JOINT_LIMITS
 from kitchen_suite.entities.robot import Robot
-from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
+from kitchen_suite.tasks.control_modes.action_mode import ActionMode, unit_spec
 from kitchen_suite.tasks.simulation import Simulation, as_columns
 from kitchen_suite.types import Array
 

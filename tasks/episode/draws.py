@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from kitchen_suite.tasks.control_modes.mode import MEDIAN
+from kitchen_suite.tasks.control_modes.action_mode import MEDIAN
 from kitchen_suite.types import Array
 
 # Returns some arrays `(k,)` of one episode by name, with noise that is drawn from its random state.

@@ -13,7 +13,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.control_modes.mode import MEDIAN
+from kitchen_suite.tasks.control_modes.action_mode import MEDIAN
 from kitchen_suite.tasks.episode.draws import Draws, SingleDraws
 from kitchen_suite.tasks.episode.part import EpisodePart
 from kitchen_suite.tasks.episode.state import EpisodeState, map_arrays

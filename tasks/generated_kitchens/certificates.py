@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from kitchen_suite import checks, files
-from kitchen_suite.entities.designs import SPLITS, KitchenDesign
+from kitchen_suite.entities.kitchen_designs import SPLITS, KitchenDesign
 
 _SHIPPED = Path(__file__).parent / "certificates"
 
@@ -28,7 +28,7 @@ class Certificate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     Attributes:
       design: its number in the split.
       digest: of its design, see `design_digest`.
-      physics: one of `names.PHYSICS`, in which the expert played.
+      physics: one of `physics_names.PHYSICS`, in which the expert played.
       depth_mm: greatest depth of colliding parts of different fixtures in each other at the start.
       reached: by handle, such as `drawers_1/drawer_2`, whether the arm reaches it: by a planned motion, or when the
         expert opened the part or turned it on.

@@ -20,7 +20,7 @@ from kitchen_suite.entities.fixtures import PART_KINDS, Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.scenes import Scene, robot_base
 from kitchen_suite.tasks import rotations
-from kitchen_suite.tasks.completion import CompletionMDP
+from kitchen_suite.tasks.completion_mdp import CompletionMDP
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.orders import order_info
 from kitchen_suite.tasks.rewards import CompletionStep, Shares, SharesStep, covered

@@ -11,8 +11,8 @@ from kitchen_suite import checks
 from kitchen_suite.entities.fixtures import Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
 from kitchen_suite.entities.kitchen_plans import Placed
-from kitchen_suite.names import GENERATED_KITCHEN_ENVIRONMENT
-from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
+from kitchen_suite.environment_classes import GENERATED_KITCHEN_ENVIRONMENT
+from kitchen_suite.tasks.control_modes.registry import make_mode, split_options
 from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of, design_digest
 from kitchen_suite.tasks.generated_kitchens.mdp import (
     GeneratedKitchenMDP,
@@ -20,7 +20,7 @@ from kitchen_suite.tasks.generated_kitchens.mdp import (
     SlotSensors,
     noise_scale,
 )
-from kitchen_suite.tasks.generated_kitchens.records import PartRecords
+from kitchen_suite.tasks.generated_kitchens.metrics import PartRecords
 from kitchen_suite.tasks.generated_kitchens.requests import VERBS, PartRequests, verb_of
 from kitchen_suite.tasks.generated_kitchens.variations import VARIED
 from kitchen_suite.tasks.highlighting import Highlighting

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.robot import Robot
-from kitchen_suite.tasks.control_modes.mode import ActionMode, unit_spec
-from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
+from kitchen_suite.tasks.control_modes.action_mode import ActionMode, unit_spec
+from kitchen_suite.tasks.control_modes.registry import SHARED_MODES
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import FRANKA_SLICES
 from kitchen_suite.tasks.simulation import Simulation

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite.entities import KITCHEN_FRANKA, Scene
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.robot import Robot
-from kitchen_suite.names import DEFAULT_TASKS, FURTHER_TASKS, REVERSES
+from kitchen_suite.kitchen_tasks import DEFAULT_TASKS, FURTHER_TASKS, REVERSES
 from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
 from kitchen_suite.tasks.kitchen.observed_props import OBJECT_STARTS, OBSERVED_PROPS
 from kitchen_suite.types import Array

@@ -10,7 +10,7 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.tasks.completion import CompletionMDP
+from kitchen_suite.tasks.completion_mdp import CompletionMDP
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES

@@ -10,15 +10,16 @@ from numpy.typing import ArrayLike
 from kitchen_suite import checks
 from kitchen_suite.entities import Scene
 from kitchen_suite.entities.arms import FRANKA
-from kitchen_suite.names import DEFAULT_TASKS, KITCHEN_ENVIRONMENT
-from kitchen_suite.tasks.control_modes.modes import make_mode, names_for_any_robot, split_options
+from kitchen_suite.environment_classes import KITCHEN_ENVIRONMENT
+from kitchen_suite.kitchen_tasks import DEFAULT_TASKS
+from kitchen_suite.tasks.control_modes.registry import make_mode, names_for_any_robot, split_options
 from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, make_success
 from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, OUT_OF_REACH, THRESHOLD, Start, build_goals, initial_qpos, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
+from kitchen_suite.tasks.kitchen.metrics import KitchenRecords
 from kitchen_suite.tasks.kitchen.observation import KitchenSensors, noise_scale
-from kitchen_suite.tasks.kitchen.records import KitchenRecords
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, TaskRequests
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.orders import REQUESTED, Ordering

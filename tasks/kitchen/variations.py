@@ -7,7 +7,7 @@ from dm_control import mjcf
 
 from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.kitchen_tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.episode.pushes import PUSH
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.variations import appearance

@@ -10,12 +10,13 @@ from dm_control import mjcf
 
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.names import MICROWAVE_TABLE_ENVIRONMENT
+from kitchen_suite.environment_classes import MICROWAVE_TABLE_ENVIRONMENT
+from kitchen_suite.tasks.control_modes.action_mode import ActionMode
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JointOffset
-from kitchen_suite.tasks.control_modes.mode import ActionMode
-from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
+from kitchen_suite.tasks.control_modes.registry import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
 from kitchen_suite.tasks.highlighting import Highlighting
+from kitchen_suite.tasks.metrics import OpeningRecords
 from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
     OPEN_ANGLE,
@@ -23,7 +24,6 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     MicrowaveTableMDP,
 )
 from kitchen_suite.tasks.microwave_table.variations import VARIED
-from kitchen_suite.tasks.records import OpeningRecords
 from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values

@@ -10,17 +10,17 @@ from dm_control import mjcf
 from kitchen_suite import checks
 from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
-from kitchen_suite.names import OPEN_CABINET_ENVIRONMENT
+from kitchen_suite.environment_classes import OPEN_CABINET_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
-from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
+from kitchen_suite.tasks.control_modes.registry import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.highlighting import Highlighting
+from kitchen_suite.tasks.metrics import OpeningRecords
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, OpenCabinetMDP
 from kitchen_suite.tasks.open_cabinet.rewards import REWARDS
 from kitchen_suite.tasks.open_cabinet.variations import VARIED
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
-from kitchen_suite.tasks.records import OpeningRecords
 from kitchen_suite.tasks.simulation import as_columns
 from kitchen_suite.tasks.task import SuiteTask
 

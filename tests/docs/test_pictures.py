@@ -7,8 +7,8 @@ from docs_blocks import ROOT
 from docs_scripts import load_script
 from PIL import Image
 
-from kitchen_suite.entities.designs import KitchenDesign
 from kitchen_suite.entities.fixture_designs import KINDS
+from kitchen_suite.entities.kitchen_designs import KitchenDesign
 
 PICTURES = ROOT / "docs" / "pictures"
 FILM = PICTURES / "film.webp"

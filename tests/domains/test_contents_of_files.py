@@ -15,7 +15,7 @@ from helpers.errors import refused
 from kitchen_suite import suite
 from kitchen_suite.commands import evaluate, record, replay
 from kitchen_suite.entities import arms
-from kitchen_suite.entities.designs import KitchenDesign
+from kitchen_suite.entities.kitchen_designs import KitchenDesign
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.plan import EvaluationPlan

@@ -5,14 +5,14 @@ import inspect
 
 import pytest
 
-from kitchen_suite.environment import environment, physics, updater
+from kitchen_suite.environment import environment, mjcf_physics, observation_updater
 from kitchen_suite.environment.private_names import PRIVATE_NAMES, check_private_names, names_of
 from kitchen_suite.rendering import measuring
 
 
 def test_the_table_lists_the_private_names_that_the_environment_uses():
     of_composer = set().union(*map(names_of, PRIVATE_NAMES))
-    modules = (environment, physics, updater, measuring)
+    modules = (environment, mjcf_physics, observation_updater, measuring)
     nodes = [node for module in modules for node in ast.walk(ast.parse(inspect.getsource(module)))]
     accessed = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     overridden = {node.name for node in nodes if isinstance(node, ast.FunctionDef)}

@@ -95,7 +95,7 @@ def test_episodes_that_succeed_are_counted(run, monkeypatch):
         seeds.append(len(seeds))
         return {"success": seeds[-1] != 1}
 
-    monkeypatch.setattr("kitchen_suite.tasks.records.OpeningRecords.metrics", metrics)
+    monkeypatch.setattr("kitchen_suite.tasks.metrics.OpeningRecords.metrics", metrics)
     assert successes(run("--novideo", "--num_episodes=4")[1]) == [(3, 4)]
     assert seeds == [0, 1, 2, 3]
 

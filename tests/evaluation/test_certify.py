@@ -14,7 +14,7 @@ from helpers.processes import open_process
 
 from kitchen_suite import suite
 from kitchen_suite.entities import KitchenDesign
-from kitchen_suite.entities.designs import SPLITS
+from kitchen_suite.entities.kitchen_designs import SPLITS
 from kitchen_suite.evaluation import certification
 from kitchen_suite.evaluation.certification import check_certificates, write_certificates
 from kitchen_suite.tasks.generated_kitchens import certificates

@@ -15,7 +15,7 @@ from helpers.episodes import rollout_of
 from helpers.sweeps import brief
 
 from kitchen_suite.commands import evaluate
-from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.domain import Domain
 from kitchen_suite.episodes import report
 from kitchen_suite.evaluation import text
 from kitchen_suite.evaluation.evaluation import Evaluation

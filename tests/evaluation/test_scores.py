@@ -15,7 +15,7 @@ from kitchen_suite import files
 from kitchen_suite.evaluation import scores
 from kitchen_suite.evaluation.protocols import Score
 from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
-from kitchen_suite.tasks.records import Completions
+from kitchen_suite.tasks.metrics import Completions
 
 
 # Published examples of the interval: Newcombe 1998, table I.

@@ -17,7 +17,7 @@ from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS
 from kitchen_suite.policies.experts.skills import ArcMove, HandOrientation
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
-from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
+from kitchen_suite.tasks.control_modes.registry import OFFSET_MODES
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 

@@ -12,7 +12,7 @@ from kitchen_suite import experts, installation, policies, suite
 from kitchen_suite.commands import rollout
 from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
-from kitchen_suite.names import EXTRA_PACKAGES
+from kitchen_suite.installation import EXTRA_PACKAGES
 from kitchen_suite.policies.experts.kinematics import ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
 from kitchen_suite.policies.experts.skills import Move

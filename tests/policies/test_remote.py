@@ -22,7 +22,7 @@ from websockets.sync.server import serve
 
 from kitchen_suite import checks, policies
 from kitchen_suite.commands import evaluate, record, rollout
-from kitchen_suite.names import EXTRA_PACKAGES
+from kitchen_suite.installation import EXTRA_PACKAGES
 from kitchen_suite.policies import remote
 
 SIZE = 4

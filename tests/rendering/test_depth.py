@@ -9,7 +9,7 @@ from dm_control import mjcf
 from helpers.vectors import many
 
 from kitchen_suite import suite
-from kitchen_suite.environment.physics import Physics
+from kitchen_suite.environment.mjcf_physics import Physics
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID, FrankaOpenCabinetEnv
 from kitchen_suite.rendering import cameras
 

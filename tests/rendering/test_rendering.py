@@ -75,7 +75,7 @@ def test_an_image_outlives_the_next_ones(physics):
 @pytest.mark.full
 def test_scenes_are_kept_between_images_until_the_context_is_freed(physics, monkeypatch):
     made = []
-    monkeypatch.setattr("kitchen_suite.environment.physics.Camera", lambda *a: made.append(a) or engine.Camera(*a))
+    monkeypatch.setattr("kitchen_suite.environment.mjcf_physics.Camera", lambda *a: made.append(a) or engine.Camera(*a))
     physics.free_context()
     for camera in ("overview", "overview", "left", "overview"):
         first = physics.render(HEIGHT, WIDTH, camera)

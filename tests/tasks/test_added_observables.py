@@ -8,7 +8,7 @@ from helpers.errors import refused
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.tasks.episode.quantities import offered
+from kitchen_suite.tasks.episode.extra_observables import offered
 
 TASKS = {"kitchen": "kettle", "open_cabinet": "top_drawer", "microwave_table": "open", "kitchens": "open"}
 SIZE = {"image_size": (20, 28), "render_quality": "fast"}

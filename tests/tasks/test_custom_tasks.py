@@ -14,6 +14,7 @@ from dm_control import composer, mjcf
 from dm_control.composer.variation import distributions, noises
 from dm_control.entities.props.primitive import Primitive
 from docs_scripts import load_script
+from gymnasium.error import ResetNeeded
 from helpers.errors import refused
 from helpers.sweeps import brief
 
@@ -540,6 +541,78 @@ def test_a_term_that_is_reduced_over_a_batch_is_refused_and_not_broadcast(attrib
     envs.reset(seed=0)
     *_, infos = envs.step(np.zeros((count, 8)))
     assert infos[f"{attribute.removeprefix('extra_').removesuffix('s')}/x"].shape == (count,)
+
+
+# Errors of terms
+
+
+def failing_once(error):
+    """A function of a step that raises an error at its second call, and returns False at all others."""
+    calls = iter((False, error))
+
+    def term(step):
+        if next(calls, False):
+            raise error
+        return np.zeros(step.action.shape[:-1], bool)
+
+    return term
+
+
+def make_front_end(front_end, task):
+    """Returns functions that reset and step `dm_env`, `single` or `vector`, in the scene of microwave_table."""
+    if front_end == "dm_env":
+        environment = Environment(task(entities.build_microwave_table_scene(visuals=False)), episode_seeds=True)
+
+        def reset():
+            environment.random_state = 0
+            environment.reset()
+
+        return reset, lambda: environment.step(np.zeros(8)).reward
+    if front_end == "single":
+        env = SuiteEnv(domain=_temporary("microwave_table", task))
+        return lambda: env.reset(seed=0), lambda: env.step(np.zeros(8))[1]
+    envs = SuiteVectorEnv(2, domain=_temporary("microwave_table", task))
+    return lambda: envs.reset(seed=0), lambda: envs.step(np.zeros((2, 8)))[1].tolist()
+
+
+@pytest.mark.parametrize("attribute", ["extra_rewards", "extra_terminations"])
+@pytest.mark.parametrize("error", [ZeroDivisionError("of a user"), KeyboardInterrupt()], ids=["error", "interrupt"])
+@pytest.mark.parametrize("front_end", ["dm_env", "single", "vector"])
+def test_an_episode_does_not_go_on_half_stepped_after_a_term_has_raised(front_end, error, attribute):
+    task = with_term(attribute, failing_once(error))
+    reset, step = make_front_end(front_end, task)
+    reset()
+    first = step()
+    with pytest.raises(type(error)):
+        step()
+    for _ in range(2):
+        with pytest.raises(ResetNeeded, match="interrupted"):
+            step()
+    reset()
+    assert step() == first
+
+
+def test_a_refused_action_after_a_step_needs_no_reset():
+    environment = Environment(tasks.MicrowaveTableTask(entities.build_microwave_table_scene(visuals=False)))
+    environment.reset()
+    environment.step(np.zeros(8))
+    with pytest.raises(ValueError, match="action"):
+        environment.step(np.full(8, np.nan))
+    assert environment.step(np.zeros(8)).mid()
+
+
+def test_the_state_of_a_step_that_was_interrupted_is_of_no_episode():
+    task = with_term("extra_rewards", failing_once(ZeroDivisionError()))
+    env = SuiteEnv(domain=_temporary("microwave_table", task))
+    env.reset(seed=0)
+    before = env.get_state()
+    env.step(np.zeros(8))
+    with pytest.raises(ZeroDivisionError):
+        env.step(np.zeros(8))
+    with pytest.raises(ValueError, match="of no episode"):
+        env.reset(options={"state": env.get_state()})
+    env.reset(options={"state": before})
+    assert env.step(np.zeros(8))[4]["episode_step"] == 1
 
 
 # Mixing of the environments of a batch

@@ -4,7 +4,7 @@ from typing import assert_type
 
 import kitchen_suite
 from kitchen_suite import entities, suite
-from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.domain import Domain
 from kitchen_suite.entities import Scene
 from kitchen_suite.environment import Environment, Physics
 from kitchen_suite.experts import KitchenExpert

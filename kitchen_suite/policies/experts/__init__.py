@@ -4,7 +4,7 @@ import numpy as _np
 
 import kitchen_suite.rendering.without_gl  # noqa: F401
 from kitchen_suite import installation as _installation
-from kitchen_suite.names import EXTRA_PACKAGES as _EXTRA_PACKAGES
+from kitchen_suite.installation import EXTRA_PACKAGES as _EXTRA_PACKAGES
 
 _installation.installed(_EXTRA_PACKAGES["experts"], "kitchen_suite.experts", "experts")
 

@@ -16,7 +16,7 @@ from kitchen_suite import checks, suite
 from kitchen_suite.policies.experts.encoders import ActionEncoder
 from kitchen_suite.policies.experts.skills import Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, plan_retreat
-from kitchen_suite.tasks.control_modes.mode import ActionMode
+from kitchen_suite.tasks.control_modes.action_mode import ActionMode
 from kitchen_suite.types import Array
 
 _MAX_HALTED_STEPS = 12  # A trajectory that the arm does not follow is halted, and fails after this many control steps.

@@ -16,7 +16,7 @@ from kitchen_suite.policies.experts.trajectories import HandSpeedLimits, JointSp
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes import end_effector
 from kitchen_suite.tasks.control_modes import joints as joint_modes
-from kitchen_suite.tasks.control_modes.mode import ActionMode
+from kitchen_suite.tasks.control_modes.action_mode import ActionMode
 from kitchen_suite.tasks.kitchen import control_modes as kitchen_action
 from kitchen_suite.types import Array
 

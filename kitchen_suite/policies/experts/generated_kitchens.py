@@ -13,12 +13,12 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.designs import KitchenDesign
 from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, build_generated_kitchen
+from kitchen_suite.entities.kitchen_designs import KitchenDesign
 from kitchen_suite.entities.props import Prop
 from kitchen_suite.entities.scenes import robot_base
-from kitchen_suite.names import REVERSES
+from kitchen_suite.kitchen_tasks import REVERSES
 from kitchen_suite.policies.experts import kitchen_skills, skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ActionEncoder, make_encoder
@@ -27,7 +27,7 @@ from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
 from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, BACK, DOWN, FIXED_SKILLS, SKILLS, direction
 from kitchen_suite.policies.experts.skills import ArcMove, HandOrientation, Move, Prismatic, Revolute, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
-from kitchen_suite.tasks.control_modes.modes import make_mode
+from kitchen_suite.tasks.control_modes.registry import make_mode
 from kitchen_suite.tasks.generated_kitchens import mdp
 from kitchen_suite.tasks.generated_kitchens.mdp import SLICES, SLOT_SIZE, SLOT_SLICES, SlotSensors, size
 from kitchen_suite.tasks.generated_kitchens.task import GeneratedKitchenTask

@@ -25,8 +25,8 @@ from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Skill
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
-from kitchen_suite.tasks.control_modes.modes import make_mode
-from kitchen_suite.tasks.episode import quantities
+from kitchen_suite.tasks.control_modes.registry import make_mode
+from kitchen_suite.tasks.episode import extra_observables
 from kitchen_suite.tasks.goals import GoalSet, StrictSuccess, Thresholds, make_success
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, THRESHOLD, build_goals, initial_qpos
@@ -358,7 +358,7 @@ class ObservedLayout:
         """Looks up the poses; `extras` are the names of the task's extra observables."""
         self._robot = robot
         self.base = f"{scene(robot).robot.mjcf_model.model}/base_pose"
-        slices = quantities.slices(scene(robot), extras) if len(extras) else {}
+        slices = extra_observables.slices(scene(robot), extras) if len(extras) else {}
         self.slices = {name: part for name, part in slices.items() if name in {self.base, *POSES.values()}}
         self.size = max((part.stop for part in slices.values()), default=0) if self.slices else 0
 

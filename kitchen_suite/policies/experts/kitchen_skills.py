@@ -8,7 +8,7 @@ from types import MappingProxyType
 import mink
 import numpy as np
 
-from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.kitchen_tasks import DEFAULT_TASKS
 from kitchen_suite.policies.experts.skills import (
     CLOSED,
     OPEN,

@@ -16,7 +16,7 @@ from kitchen_suite.policies.experts.open_cabinet import panda_model
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN, ArcMove, HandOrientation, Move, Revolute, Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
-from kitchen_suite.tasks.control_modes.modes import make_mode
+from kitchen_suite.tasks.control_modes.registry import make_mode
 from kitchen_suite.tasks.microwave_table.mdp import OPEN_ANGLE, SIZE, SLICES
 from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES, GOAL
 from kitchen_suite.types import Array

@@ -18,7 +18,7 @@ from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JOINT_HIGH, JOINT_LOW
-from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
+from kitchen_suite.tasks.control_modes.registry import OFFSET_MODES, make_mode
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, SLICES
 from kitchen_suite.tasks.open_cabinet.rewards import SUCCESS_OPENING

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
-from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.kitchen_tasks import DEFAULT_TASKS
 from kitchen_suite.policies.experts.kitchen import KitchenExpert
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.goals import GoalSet, Thresholds

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from kitchen_suite.entities import PANDA, Robot
 from kitchen_suite.tasks.control_modes import end_effector, joints
-from kitchen_suite.tasks.control_modes.mode import MEDIAN
+from kitchen_suite.tasks.control_modes.action_mode import MEDIAN
 from kitchen_suite.tasks.kitchen import control_modes as kitchen
 
 # Limits of the Panda's joints [rad, m].

@@ -12,7 +12,7 @@ from kitchen_suite import suite
 from kitchen_suite.commands import record, replay, rollout
 from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS
-from kitchen_suite.names import FAST
+from kitchen_suite.physics_names import FAST
 from kitchen_suite.tasks.generated_kitchens import mdp
 from kitchen_suite.tasks.generated_kitchens.mdp import CLOSED, NOISE_SIZE, OPEN, SIZE, SLICES, SLOT_SIZE, SLOT_SLICES
 from kitchen_suite.tasks.generated_kitchens.requests import VERBS

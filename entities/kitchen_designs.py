@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from kitchen_suite import checks, files
 from kitchen_suite.entities.fixture_designs import HANDLES, HINGES, KINDS, LEVELS, FixtureDesign
 from kitchen_suite.entities.fixtures import BAR_HALF_LENGTH
-from kitchen_suite.entities.grammar import draw_plan
+from kitchen_suite.entities.kitchen_grammar import draw_plan
 from kitchen_suite.entities.kitchen_plans import SIDES, KitchenPlan, Row
+from kitchen_suite.entities.kitchen_styles import STYLES
 from kitchen_suite.entities.scenes import robot_base
-from kitchen_suite.entities.styles import STYLES
 
 SPLITS = ("train", "test")
 

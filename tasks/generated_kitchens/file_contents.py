@@ -4,7 +4,7 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from kitchen_suite.entities.designs import SPLITS, KitchenDesign
+from kitchen_suite.entities.kitchen_designs import SPLITS, KitchenDesign
 from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of, is_shipped
 
 

@@ -1,4 +1,4 @@
-"""Metrics, completions and starts of a task's episodes, for recordings, evaluations and replay."""
+"""Metrics, progress and completions of a task's episodes, read from their records: infos, and recorded arrays."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ class Completions(NamedTuple):
 
 
 class Records:
-    """Reads the records of a task's episodes: infos, and recorded arrays.
+    """Reads metrics, progress and completions from the records of a task's episodes: infos, and recorded arrays.
 
     This class knows `is_success` among the infos alone, and episodes that start from a seed. Tasks of the suite have
     classes of their own.

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from kitchen_suite import checks, signatures
+from kitchen_suite.domains.argument_hints import GYMNASIUM_ONLY
 from kitchen_suite.domains.arguments import Argument, table
-from kitchen_suite.domains.elsewhere import OF_GYMNASIUM
-from kitchen_suite.names import EXACT, FAST, PHYSICS
+from kitchen_suite.physics_names import EXACT, FAST, PHYSICS
 
 if TYPE_CHECKING:
     from kitchen_suite.entities import Scene
@@ -54,7 +54,7 @@ class Domain:
       benchmark_tasks: names of the tasks that papers report; the first is the default task. Without any, the default is
         the first of `tasks`.
       replaceable: arguments of `tasks` that a caller may replace.
-      physics: of its environments by default, one of `names.PHYSICS`.
+      physics: of its environments by default, one of `physics_names.PHYSICS`.
       env: entry point of the class of the Gymnasium environment; that of the task's `environment_classes` when omitted.
       vector_env: entry point of the class of the vectorised environment; its default is the task's as well.
       training: entry point of the `training.recipes.Recipe`; None for the general defaults.
@@ -218,7 +218,7 @@ class Domain:
         from kitchen_suite.tasks.settings import Settings
 
         known = self.arguments()
-        checks.keywords(arguments, known, what="argument", elsewhere=OF_GYMNASIUM)
+        checks.keywords(arguments, known, what="argument", hints=GYMNASIUM_ONLY)
         arguments = self.with_contents(arguments)
         arguments = {name: value for name, value in arguments.items() if value is not None or name not in _OMITTED}
         settings = Settings(

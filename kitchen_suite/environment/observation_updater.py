@@ -1,4 +1,4 @@
-"""How observables are updated in a control step."""
+"""The updater of observables in a control step."""
 
 import collections
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.generated_kitchens.requests import verb_of
+from kitchen_suite.tasks.metrics import Completions, Metrics, Records
 from kitchen_suite.tasks.orders import REQUESTED
-from kitchen_suite.tasks.records import Completions, Metrics, Records
 
 
 class PartRecords(Records):

@@ -1,4 +1,4 @@
-"""Edits that a user makes of an environment's MJCF or compiled model, found by comparison."""
+"""Snapshots of an MJCF model and of a compiled one, by which edits that a user makes of either are found."""
 
 from typing import Any
 

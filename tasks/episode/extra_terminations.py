@@ -15,7 +15,7 @@ from kitchen_suite.tasks.terms import Termination, Transition
 Ended = dict[str, NDArray[np.bool_]]
 
 
-class Terminations(EpisodePart):
+class ExtraTerminations(EpisodePart):
     """The `extra_terminations` of a task."""
 
     name = "terminations"

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.tasks.metrics import Completions, Metrics, Records
 from kitchen_suite.tasks.orders import REQUESTED
-from kitchen_suite.tasks.records import Completions, Metrics, Records
 
 
 class KitchenRecords(Records):

@@ -1,4 +1,4 @@
-"""Variation of sensing and acting: the scale of the observation noise, and targets that arrive late."""
+"""Variation of the scale of the observation noise, and of the delay of targets: the group `sensing`."""
 
 from typing import Any, NamedTuple
 
@@ -18,8 +18,8 @@ from kitchen_suite.types import Array
 ACTION_DELAY = "sensing/action_delay"
 
 
-class SensingState(NamedTuple):
-    """Sensing and acting in episodes.
+class NoiseAndDelayState(NamedTuple):
+    """Noise of the observation, and delay of the targets, in episodes.
 
     Attributes:
       noise: `(..., k)`, factors of the draws of the observation noise.
@@ -32,9 +32,10 @@ class SensingState(NamedTuple):
     target: Array
 
 
-class Sensing(EpisodePart):
+class NoiseAndDelay(EpisodePart):
     """Scales the parts of the observation noise, and delays the targets of the actuators by a control step."""
 
+    # As saved states and the names of the parameters have it.
     name = "sensing"
     suits_any_model = True
 
@@ -49,20 +50,20 @@ class Sensing(EpisodePart):
     def bind(self, physics: mjcf.Physics) -> None:
         self._joints = as_columns(physics.bind(self._robot.joints).qposadr)
 
-    def draw(self, values: Values, simulation: Simulation, draws: Draws) -> SensingState:
+    def draw(self, values: Values, simulation: Simulation, draws: Draws) -> NoiseAndDelayState:
         noise = np.ones(self._mdp.noise_draws)
         for part, elements in self._mdp.noise_parts.items():
             noise[elements] = values.get(f"sensing/{part}", 1.0)
         positions = np.array(simulation.read("qpos", self._joints))
         delay = np.array(values.get(ACTION_DELAY, 0.0) > 0.5)
-        return SensingState(noise, delay, self._robot.holding_targets(positions))
+        return NoiseAndDelayState(noise, delay, self._robot.holding_targets(positions))
 
     def before(
-        self, part: SensingState, simulation: Simulation, mdp_state: Any, ctrl: Array
-    ) -> tuple[SensingState, Array]:
+        self, part: NoiseAndDelayState, simulation: Simulation, mdp_state: Any, ctrl: Array
+    ) -> tuple[NoiseAndDelayState, Array]:
         late = np.where(part.delay[..., np.newaxis], part.target, ctrl)
         # A copy: the state of the MDP keeps the same array, and rows of both are set one by one.
         return part._replace(target=ctrl.copy()), late
 
-    def scaled(self, part: SensingState, draws: Array) -> Array:
+    def scaled(self, part: NoiseAndDelayState, draws: Array) -> Array:
         return draws * part.noise

@@ -1,4 +1,4 @@
-"""The physics of the suite's environments: images from scenes that are kept, and further names of elements."""
+"""The `mjcf.Physics` of the suite's environments: images from scenes that are kept, further names of elements."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -9,7 +9,7 @@ from dm_control.mujoco import engine
 from dm_control.mujoco.wrapper import MjData, MjvOption
 from numpy.typing import NDArray
 
-from kitchen_suite.environment.named import NamedData, NamedModel, Names
+from kitchen_suite.environment.named_model import NamedData, NamedModel, Names
 from kitchen_suite.rendering import contexts
 from kitchen_suite.rendering.measuring import Camera
 

@@ -5,13 +5,13 @@ from types import MappingProxyType
 from typing import Any
 
 from kitchen_suite import checks, signatures
+from kitchen_suite.tasks.control_modes.action_mode import ActionMode
 from kitchen_suite.tasks.control_modes.end_effector import (
     EndEffectorDeltaPose,
     EndEffectorDeltaPosition,
     EndEffectorPose,
 )
 from kitchen_suite.tasks.control_modes.joints import JointDelta, JointOffset, JointPosition
-from kitchen_suite.tasks.control_modes.mode import ActionMode
 
 # Modes that every domain has.
 SHARED_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(

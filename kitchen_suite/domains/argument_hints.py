@@ -1,4 +1,4 @@
-"""Arguments that one way of building environments takes and another does not, with what does the same there."""
+"""Hints on arguments that some environments take and others do not: what does the same there, for error messages."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -7,7 +7,7 @@ _IMAGES = "environment.physics.render(height, width, camera_id) returns an image
 _VIEWS = "dm_control.mujoco.Camera and MovableCamera, over environment.physics, take views and options of their own"
 _MANY = "it is an argument of gymnasium.make_vec, which builds many environments"
 
-OF_VECTORS: Mapping[str, str] = MappingProxyType(
+VECTOR_ONLY: Mapping[str, str] = MappingProxyType(
     {
         "autoreset_mode": f"{_MANY}; with vectorization_mode='sync' it belongs into vector_kwargs",
         "num_envs": _MANY,
@@ -16,9 +16,9 @@ OF_VECTORS: Mapping[str, str] = MappingProxyType(
 )
 """Arguments of vectorised environments alone."""
 
-OF_GYMNASIUM: Mapping[str, str] = MappingProxyType(
+GYMNASIUM_ONLY: Mapping[str, str] = MappingProxyType(
     {
-        **OF_VECTORS,
+        **VECTOR_ONLY,
         "action_limit": "it is for Gymnasium alone; control_mode='joint_delta' has bounded actions",
         "camera_id": _IMAGES,
         "camera_name": _IMAGES,
@@ -39,9 +39,9 @@ OF_GYMNASIUM: Mapping[str, str] = MappingProxyType(
 )
 """Arguments of the Gymnasium environments that `suite.load` does not take."""
 
-OF_LOAD: Mapping[str, str] = MappingProxyType(
+LOAD_ONLY: Mapping[str, str] = MappingProxyType(
     {
-        **OF_VECTORS,
+        **VECTOR_ONLY,
         "environment_kwargs": "it is for suite.load alone",
         "flat_observation": "it is for suite.load alone; obs_type='state' is one array",
         "random": "it is for suite.load alone; reset(seed=...) seeds an episode",

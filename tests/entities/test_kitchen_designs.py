@@ -12,9 +12,8 @@ import pytest
 from dm_control import mjcf
 from helpers.errors import ODD_VALUES, assert_is_short, refused
 
-from kitchen_suite.entities import KitchenDesign, build_generated_kitchen, designs
+from kitchen_suite.entities import KitchenDesign, build_generated_kitchen, kitchen_designs
 from kitchen_suite.entities.arms import make_robot
-from kitchen_suite.entities.designs import SPLITS
 from kitchen_suite.entities.fixture_designs import (
     KINDS,
     BaseDoorsDesign,
@@ -30,8 +29,9 @@ from kitchen_suite.entities.fixture_designs import (
     WallSlidingDesign,
 )
 from kitchen_suite.entities.fixtures import CLEARANCE, PANEL, BoxFixture
-from kitchen_suite.entities.styles import STYLES
-from kitchen_suite.names import FAST
+from kitchen_suite.entities.kitchen_designs import SPLITS
+from kitchen_suite.entities.kitchen_styles import STYLES
+from kitchen_suite.physics_names import FAST
 from kitchen_suite.policies.experts.kitchen_skills import TIP
 
 MINE = {
@@ -95,8 +95,8 @@ def test_the_arm_is_as_long_as_its_links():
     link = {number: model.body_pos[f"link{number}"] for number in range(1, 8)}
     upper, forearm = (np.linalg.norm(each) for each in (link[3] + link[4], link[5]))
     hand = np.hypot(np.linalg.norm(link[7]), np.linalg.norm(model.site_pos["end_effector"]))
-    assert np.linalg.norm(link[1] + link[2]) == pytest.approx(designs.SHOULDER)
-    assert upper + forearm + hand + TIP == pytest.approx(designs.REACH, abs=0.005)
+    assert np.linalg.norm(link[1] + link[2]) == pytest.approx(kitchen_designs.SHOULDER)
+    assert upper + forearm + hand + TIP == pytest.approx(kitchen_designs.REACH, abs=0.005)
 
 
 def test_a_written_design_has_its_keys_in_one_order():

@@ -29,7 +29,7 @@ from kitchen_suite.entities.fixture_designs import (
 )
 from kitchen_suite.entities.fixtures import Handle
 from kitchen_suite.entities.kitchen_plans import KitchenPlan, Row, Side
-from kitchen_suite.entities.styles import STYLES
+from kitchen_suite.entities.kitchen_styles import STYLES
 
 _LEAST_WIDTH = 0.35  # Width that is left at the end of a row, if it is less [m].
 _EXCESS = 0.05  # Width by which fixtures may be wider than their row [m].

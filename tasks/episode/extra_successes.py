@@ -30,7 +30,7 @@ class OwnSuccess(NamedTuple):
         return type(self)(conditions, self.reached | functools.reduce(operator.and_, conditions.values()))
 
 
-class Successes(EpisodePart):
+class ExtraSuccesses(EpisodePart):
     """The `extra_successes` of a task, which take the place of the success of its domain."""
 
     name = "own_success"
