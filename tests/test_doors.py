@@ -39,7 +39,7 @@ CALLS = {
     "exec": set(),
     "compile": set(),
     "__import__": set(),
-    "pkgutil.resolve_name": {"datasets.formats", "imports", "lazy", "domains.base", "environment.private_names"},
+    "pkgutil.resolve_name": {"datasets.formats", "imports", "lazy", "domains.domain", "environment.private_names"},
     "mujoco.MjModel.from_xml_path": set(),
     "mujoco.MjModel.from_binary_path": set(),
 }

@@ -19,7 +19,7 @@ PRINTED = {
     "vector_speed": r"the last one, played alone, is equal: True",
     "pixels": r"franka_hand: uint8 \(128, 128, 3\), mean \d+\.\d",
     "variations": r"held_out: 28 parameters vary",
-    "record_and_replay": r"replay: EQUAL",
+    "record_and_replay": r"replay: equal",
     "my_arm": r"\(8,\) \{'microwave': \d+\}",
     "panda": r"\(15,\) \{'kettle': \d+\}",
     "ur5e": r"\(14,\) \{'kettle': \d+\}",

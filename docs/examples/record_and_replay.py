@@ -34,4 +34,4 @@ with tempfile.TemporaryDirectory() as temporary:
         print(f"episode {episode.id}: {len(episode)} steps, return {episode.rewards.sum():g}")
 
     # The recorded actions again, from the recorded seeds: every observation must be equal to the bit.
-    print("replay:", kitchen_suite.replay(folder).name)
+    print("replay:", kitchen_suite.replay(folder).verdict)

@@ -84,6 +84,9 @@ def _by_domain(name: str) -> str:
 
 def run(given: FlagValues) -> None:
     """Trains the policy, and films it where that is wanted."""
+    _refuse_flags_of_others(given)
+    chosen = ("num_steps", "eval_interval", "eval_episodes", "target_success", "patience", "min_progress")
+    schedule = find_schedule(given.domain_name, given.algorithm, **{name: given[name].value for name in chosen})
     installation.installed(("tensorboard", "torch"), "kitchen-train", "train")
 
     from kitchen_suite.episodes import video
@@ -93,13 +96,10 @@ def run(given: FlagValues) -> None:
     from kitchen_suite.training import bc, ppo
     from kitchen_suite.training.run import EVALUATION_SEEDS
 
-    _refuse_flags_of_others(given)
     spec = EnvironmentSpec.make(given.domain_name, given.task_name, flags.environment_kwargs(given))
     flags.prepare_images(spec, rendering=given.video is not None)
     if given.video:
         video.check_ffmpeg()
-    chosen = ("num_steps", "eval_interval", "eval_episodes", "target_success", "patience", "min_progress")
-    schedule = find_schedule(given.domain_name, given.algorithm, **{name: given[name].value for name in chosen})
     demonstrations = [Path(folder) for folder in given.demonstrations]
     shared: dict[str, Any] = {name: given[name].value for name in ("seed", "restarts", "num_threads", "resume")}
     shared |= {"hyperparameters": given.hyperparameters or {}, "report": print_line}

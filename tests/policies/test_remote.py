@@ -237,7 +237,7 @@ def test_malformed_addresses_and_options_are_refused(name, pauses):
 @pytest.mark.full
 def test_without_the_extra_the_error_names_it_and_nothing_is_imported(monkeypatch):
     monkeypatch.setitem(EXTRA_PACKAGES, "remote", ("msgpack", "websockets_that_are_not_there"))
-    with refused(ImportError, "ws://localhost:1", "websockets_that_are_not_there", ".[remote]"):
+    with refused(ImportError, "ws://localhost:1", "websockets_that_are_not_there", "kitchen-suite[remote]"):
         policies.find("ws://localhost:1")
     code = "import sys, kitchen_suite.policies; assert not {'msgpack', 'websockets'} & sys.modules.keys()"
     subprocess.run([sys.executable, "-c", code], check=True)
