@@ -174,7 +174,9 @@ def partial_path(path: Path) -> Path:
     return path.with_name(f".kitchen-suite.{secrets.token_hex(8)}.{path.name}")
 
 
-def check_destinations(paths: Mapping[str, Path], reserved: Iterable[Path] = ()) -> None:
+def check_destinations(
+    paths: Mapping[str, Path], reserved: Iterable[Path] = (), reserved_folders: Iterable[Path] = ()
+) -> None:
     """Raises an OSError or a ValueError unless each of some files can be written, and none in place of another.
 
     Whoever computes for long calls it before the start.
@@ -182,9 +184,13 @@ def check_destinations(paths: Mapping[str, Path], reserved: Iterable[Path] = ())
     Args:
       paths: of the files by the names of the arguments that they were given as.
       reserved: paths of other files that are read or written.
+      reserved_folders: paths of folders in which nothing else may be written.
     """
     taken = {path.resolve(): "a file that is in use" for path in reserved}
+    folders = [folder.resolve() for folder in reserved_folders]
     for name, path in paths.items():
+        if inside := next((folder for folder in folders if folder in (path.resolve(), *path.resolve().parents)), None):
+            raise ValueError(f"{name} must not be in the folder {str(inside)!r}: {str(path)!r}")
         if path.is_dir():
             raise IsADirectoryError(f"{name} must be a file, and {str(path)!r} is a folder")
         if path.exists() and not path.is_file():

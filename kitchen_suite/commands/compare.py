@@ -47,7 +47,9 @@ def run(given: FlagValues, *sources: str) -> None:
     from kitchen_suite.evaluation.text import format_comparison, format_comparisons
 
     wanted = {"json": given.json, "video": given.video, "web": given.web}
-    files.check_destinations({name: path for name, path in wanted.items() if path}, map(Path, sources))
+    paths = [*map(Path, sources)]
+    folders = [path for path in paths if path.is_dir()]
+    files.check_destinations({name: path for name, path in wanted.items() if path}, paths, folders)
     is_watched = bool(given.video or given.web)
     if is_watched and len(sources) > 2:
         raise ValueError(f"a video or a page shows two policies, not {len(sources)}")

@@ -76,8 +76,10 @@ def run(given: FlagValues) -> None:
     from kitchen_suite.evaluation import text
     from kitchen_suite.evaluation.evaluate import check_destinations, evaluate
     from kitchen_suite.evaluation.rollout import watch_episodes
+    from kitchen_suite.policies import PolicyRef
 
-    check_destinations(given.output, {"json": given.json, "receipt": given.receipt, "web": given.web})
+    wanted = {"json": given.json, "receipt": given.receipt, "web": given.web}
+    check_destinations(PolicyRef.parse(given.policy), given.dataset, given.output, wanted)
     kwargs = flags.environment_kwargs(given)
     spec = EnvironmentSpec.make(given.domain_name, given.task_name, kwargs)
     flags.prepare_images(spec)

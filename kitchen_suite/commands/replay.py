@@ -92,6 +92,7 @@ def _verify(given: FlagValues, path: Path) -> "Verdict":
     from kitchen_suite.evaluation.replay import check_goals, check_published
 
     evaluation = Evaluation.read(path)
+    evaluation.require_actions("a check plays again")
     if given.published:
         check_published(evaluation, given.published)
     if given.dataset:

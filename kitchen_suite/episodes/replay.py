@@ -270,9 +270,11 @@ def choose(indices: Sequence[int], wanted: str | Sequence[int] | None, count: in
         return [indices[i] for i in places]
     if isinstance(wanted, str):
         return list(indices) if wanted == "all" else _listed(indices, wanted)
-    if not isinstance(wanted, Iterable):
+    if not isinstance(wanted, Iterable) or isinstance(wanted, bytes):
         raise TypeError(f"episodes must be 'all', text such as '0,5,7-9', or numbers, got {checks.shown(wanted)}")
     chosen = [checks.integer(number, "a number of episodes", minimum=0) for number in wanted]
+    if not chosen:
+        raise ValueError("episodes must name at least one")
     for number in chosen:
         _check_present(indices, number)
     return chosen

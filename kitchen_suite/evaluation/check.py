@@ -3,7 +3,7 @@
 import collections
 import contextlib
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 from kitchen_suite.episodes.replay import ReplayedEpisode, Verdict, worst
@@ -96,58 +96,47 @@ class Check(Generic[E]):
         return sorted(differing, key=lambda episode: episode.verdict != "altered")
 
 
-def check_episodes(
+def replayed_results(
     plan: EvaluationPlan,
     results: Mapping[str, Sequence[EpisodeResult]],
     traces: Mapping[str, Sequence[Trace]],
     num_envs: int,
     num_threads: int | None,
-    progress: Callable[[ReplayedResult], object],
-) -> Check[ReplayedResult]:
-    """Plays the actions of the episodes of all conditions again, and compares them.
+) -> Generator[ReplayedResult, None, None]:
+    """Plays the actions of the episodes of all conditions again, and yields each comparison as its episode ends.
 
-    Arguments are those of `Evaluation.check`; raises a ValueError if actions do not fit the environments.
+    Raises a ValueError if actions do not fit the environments.
     """
     plan = dataclasses.replace(plan, specs={name: spec.without(OF_PICTURES) for name, spec in plan.specs.items()})
-    compared: list[ReplayedResult] = []
-    scores = {}
-    for name in plan.specs:
-        each = _check_condition(name, plan, results[name], traces[name], num_envs, num_threads, progress)
-        scores[name] = plan.scores([episode.replayed for episode in each])
-        compared += each
-    return Check(episodes=compared, scores=plan.main_scores(scores))
+    for name, spec in plan.specs.items():
+        recorded, given = results[name], traces[name]
+        waiting = collections.deque((result.episode, result.seed) for result in recorded)
+        # An episode that goes on after its last action differs, and need not be played to its end.
+        longest = max(len(trace.actions) for trace in given)
+        limited = dataclasses.replace(spec, max_episode_steps=min(spec.max_episode_steps, longest + 1))
+        count = even_count(len(recorded), num_envs)
+        with contextlib.closing(limited.make_vector_env(count, num_threads)) as environments:
+            shape = environments.single_action_space.shape
+            if wrong := next((trace.actions.shape[1:] for trace in given if trace.actions.shape[1:] != shape), None):
+                raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
+            replay = ActionReplay({result.seed: trace.actions for result, trace in zip(recorded, given, strict=True)})
+            for replayed, trace in play_condition(name, plan, environments, replay, waiting):
+                first = given[replayed.episode].first_difference(trace)
+                yield ReplayedResult(
+                    recorded=recorded[replayed.episode],
+                    replayed=replayed,
+                    first=first,
+                    greatest=0.0 if first is None else given[replayed.episode].greatest_difference(trace),
+                )
 
 
-def _check_condition(
-    name: str,
-    plan: EvaluationPlan,
-    results: Sequence[EpisodeResult],
-    traces: Sequence[Trace],
-    num_envs: int,
-    num_threads: int | None,
-    progress: Callable[[ReplayedResult], object],
-) -> list[ReplayedResult]:
-    """Returns the comparisons of a condition's episodes with their replays, in order."""
-    spec = plan.specs[name]
-    waiting = collections.deque((result.episode, result.seed) for result in results)
-    # An episode that goes on after its last action differs, and need not be played to its end.
-    longest = max(len(trace.actions) for trace in traces)
-    limited = dataclasses.replace(spec, max_episode_steps=min(spec.max_episode_steps, longest + 1))
-    compared = []
-    with contextlib.closing(limited.make_vector_env(even_count(len(results), num_envs), num_threads)) as environments:
-        shape = environments.single_action_space.shape
-        if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
-            raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
-        replay = ActionReplay({result.seed: trace.actions for result, trace in zip(results, traces, strict=True)})
-        for replayed, trace in play_condition(name, plan, environments, replay, waiting):
-            given = traces[replayed.episode]
-            first = given.first_difference(trace)
-            comparison = ReplayedResult(
-                recorded=results[replayed.episode],
-                replayed=replayed,
-                first=first,
-                greatest=0.0 if first is None else given.greatest_difference(trace),
-            )
-            compared.append(comparison)
-            progress(comparison)
-    return sorted(compared, key=lambda comparison: comparison.episode)
+def check_of(plan: EvaluationPlan, episodes: Iterable[ReplayedResult]) -> Check[ReplayedResult]:
+    """Returns the check of all episodes of a plan, given in any order."""
+    by_condition: dict[str, list[ReplayedResult]] = {name: [] for name in plan.specs}
+    for episode in episodes:
+        by_condition[episode.condition].append(episode)
+    for each in by_condition.values():
+        each.sort(key=lambda episode: episode.episode)
+    scores = {name: plan.scores([episode.replayed for episode in each]) for name, each in by_condition.items()}
+    in_order = [episode for each in by_condition.values() for episode in each]
+    return Check(episodes=in_order, scores=plan.main_scores(scores))

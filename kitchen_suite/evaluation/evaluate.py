@@ -13,8 +13,8 @@ from kitchen_suite.episodes.cluster import Cluster
 from kitchen_suite.episodes.episode import Waiting
 from kitchen_suite.episodes.play import make_controller
 from kitchen_suite.episodes.spec import even_count, merged_kwargs
-from kitchen_suite.evaluation.evaluation import Evaluation, check_receipt
-from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder
+from kitchen_suite.evaluation.evaluation import Evaluation, check_receipt, problem_of_episode, problem_of_trace
+from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, TRACES_FOLDER, EvaluationFolder
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan
 from kitchen_suite.evaluation.rollout import PlayedEpisode, play_condition
 from kitchen_suite.evaluation.scores import EpisodeResult
@@ -85,7 +85,8 @@ def evaluate(
     receipt_path = None if receipt is None else Path(receipt)
     if receipt_path is not None and receipt_path.suffix != ".npz":
         raise ValueError(f"receipt must be a file whose name ends with .npz, got {checks.shown(str(receipt))}")
-    check_destinations(folder_path, {"receipt": receipt_path})
+    dataset_path = None if dataset is None else Path(dataset)
+    check_destinations(reference, dataset_path, folder_path, {"receipt": receipt_path})
     kwargs = merged_kwargs(task_kwargs or {}, {"quality": checks.boolean(quality, "quality") or None})
     replaced = Replaced(
         domain_name=domain_name,
@@ -95,10 +96,15 @@ def evaluate(
         num_episodes=num_episodes,
         max_episode_steps=max_episode_steps,
     )
-    plan = make_plan(reference, protocol, replaced, None if dataset is None else Path(dataset))
+    plan = make_plan(reference, protocol, replaced, dataset_path)
     if receipt_path is not None:
         check_receipt(plan)
     folder = _open_folder(plan, folder_path, resume)
+    for (name, index), (result, trace) in folder.played.items():
+        problem = problem_of_episode(plan, name, index, result) or problem_of_trace(plan, result, trace)
+        if problem or result.reset != plan.reset_options(name, index):
+            what = f"episode {index} of {name} {problem or 'asks for something else'}"
+            raise ValueError(f"{output} was altered: {what}; remove its line from {EPISODES_FILE} to play it again")
     announce(plan)
     for name in plan.specs:
         found = [folder.played[key][0] for key in _keys(plan, name) if key in folder.played]
@@ -117,13 +123,24 @@ def evaluate(
     return evaluation
 
 
-def check_destinations(output: Path | None, paths: Mapping[str, Path | None]) -> None:
-    """Raises an OSError or a ValueError unless the files of an evaluation can be written beside its folder, `output`.
+def check_destinations(
+    policy: PolicyRef, dataset: Path | None, output: Path | None, paths: Mapping[str, Path | None]
+) -> None:
+    """Raises an OSError or a ValueError unless the files of an evaluation can be written, in place of no other one.
 
-    `paths` are those of the files by the names of their arguments, None where none is wanted.
+    Args:
+      policy: that is evaluated, which may be a file.
+      dataset: folder of the recording that goals are taken from.
+      output: folder of the evaluation, in which files of other names may be.
+      paths: of the files by the names of their arguments, None where none is wanted.
     """
-    own = [] if output is None else [output / name for name in (DESCRIPTION_FILE, EPISODES_FILE)]
-    files.check_destinations({name: path for name, path in paths.items() if path is not None}, own)
+    file = policy.file()
+    read = [] if file is None else [file]
+    folders = [] if dataset is None else [dataset]
+    if output is not None:
+        read += [output, output / DESCRIPTION_FILE, output / EPISODES_FILE]
+        folders.append(output / TRACES_FOLDER)
+    files.check_destinations({name: path for name, path in paths.items() if path is not None}, read, folders)
 
 
 def _open_folder(plan: EvaluationPlan, output: Path | None, resume: bool) -> EvaluationFolder:

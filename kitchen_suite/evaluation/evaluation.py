@@ -11,8 +11,8 @@ import numpy as np
 
 from kitchen_suite import checks, files, suite
 from kitchen_suite.episodes.recording import SPEC_FILE
-from kitchen_suite.evaluation import receipt
-from kitchen_suite.evaluation.check import Check, ReplayedResult, check_episodes
+from kitchen_suite.evaluation import quality, receipt
+from kitchen_suite.evaluation.check import Check, ReplayedResult, check_of, replayed_results
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
 from kitchen_suite.evaluation.plan import EvaluationPlan, check_robot
 from kitchen_suite.evaluation.protocols import PROTOCOLS
@@ -27,7 +27,7 @@ class AlteredError(checks.WorkFailedError, ValueError):
     """A file that says of an evaluation what does not agree with the rest of it."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluation:
     """A policy under a protocol: what was to be played, and what happened in each episode.
 
@@ -75,7 +75,7 @@ class Evaluation:
         constant = total = 0
         for name, traces in self.traces.items():
             for result, trace in zip(self.results[name], traces, strict=True):
-                if result.success or True in result.measures.values():
+                if result.success or any(value is True for value in result.measures.values()):
                     total += 1
                     constant += bool((trace.actions == trace.actions[:1]).all())
         return constant, total
@@ -97,13 +97,15 @@ class Evaluation:
 
         Raises:
           OSError: the file cannot be written.
-          ValueError: its name ends otherwise, or a receipt is to be written of an evaluation without actions.
+          ValueError: its name ends otherwise, or a receipt is to be written of an evaluation without actions, or of one
+            that could not be read again: of too many episodes, or of a domain or robot that is not the suite's.
         """
         path = Path(path)
         if path.suffix == ".json":
             self.write_json(path)
         elif path.suffix == ".npz":
-            self._require_actions("a receipt is made of")
+            self.require_actions("a receipt is made of")
+            check_receipt(self.plan)
             contents = Receipt(
                 evaluation=self.as_json(),
                 replaced=self.plan.replaced,
@@ -121,7 +123,8 @@ class Evaluation:
         with files.atomic_write(path) as partial:
             files.write_json(partial, {**self.as_json(), **rows}, indent=1)
 
-    def _require_actions(self, use: str) -> None:
+    def require_actions(self, use: str) -> None:
+        """Raises a ValueError that names the remedy if there are no actions, whose use is said."""
         if not self.traces:
             problem = f"{self.name} has no actions, which {use}"
             raise ValueError(f"{problem}: evaluate with receipt, the path to write to, and read that")
@@ -166,9 +169,18 @@ class Evaluation:
         checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
         if num_threads is not None:
             checks.integer(num_threads, "num_threads", minimum=1, maximum=checks.MAX_THREADS)
-        self._require_actions("a check plays again")
-        with _altered(self.path):
-            return check_episodes(self.plan, self.results, self.traces, num_envs, num_threads, progress)
+        self.require_actions("a check plays again")
+        found: list[ReplayedResult] = []
+        with contextlib.closing(
+            replayed_results(self.plan, self.results, self.traces, num_envs, num_threads)
+        ) as episodes:
+            while True:
+                with _altered(self.path):
+                    episode = next(episodes, None)
+                if episode is None:
+                    return check_of(self.plan, found)
+                found.append(episode)
+                progress(episode)
 
 
 def check_receipt(plan: EvaluationPlan) -> None:
@@ -228,7 +240,7 @@ def _read_receipt(path: Path) -> Evaluation:
         plan = _agreeing_plan(contents.evaluation, contents.results)
         for name, results in contents.results.items():
             for result, trace in zip(results, contents.traces[name], strict=True):
-                if problem := _problem_of_trace(plan, result, trace):
+                if problem := problem_of_trace(plan, result, trace):
                     raise ValueError(f"episode {result.episode} of {name} {problem}: the receipt was altered")
         if not MACHINE.fullmatch(contents.machine):
             raise ValueError(f"the machine is none of those that are written: {checks.shown(contents.machine)}")
@@ -271,7 +283,7 @@ def _agreeing_plan(record: Mapping[str, Any], results: Mapping[str, Sequence[Epi
         if len(each) != plan.num_episodes:
             raise ValueError(f"{name} has {len(each)} episodes, not {plan.num_episodes}: the file was altered")
         for index, result in enumerate(each):
-            if problem := _problem(plan, name, index, result):
+            if problem := problem_of_episode(plan, name, index, result):
                 raise ValueError(f"episode {index} of {name} {problem}: the file was altered")
     written = _as_json(plan, results)
     if difference := files.first_difference(record, written):
@@ -282,7 +294,7 @@ def _agreeing_plan(record: Mapping[str, Any], results: Mapping[str, Sequence[Epi
     return plan
 
 
-def _problem(plan: EvaluationPlan, name: str, index: int, result: EpisodeResult) -> str:
+def problem_of_episode(plan: EvaluationPlan, name: str, index: int, result: EpisodeResult) -> str:
     """Returns what is wrong with an episode by itself; empty if nothing is."""
     if (result.condition, result.episode, result.seed) != (name, index, plan.first.seed + index):
         return "is another one"
@@ -293,10 +305,18 @@ def _problem(plan: EvaluationPlan, name: str, index: int, result: EpisodeResult)
         return f"has {result.control_steps} control steps, of at most {limit}"
     if [*result.measures] != plan.measure_names[name]:
         return f"is measured by {[*result.measures]}, not by {plan.measure_names[name]}"
+    steps = [step for step in (result.asked or {}).values() if step is not None]
+    if steps and not 1 <= min(steps) <= max(steps) <= result.control_steps:
+        return f"completes tasks at control steps {steps}, of {result.control_steps}"
+    if result.diverged and (result.success or steps):
+        return "has diverged, and completed something"
+    clean = result.measures.get(quality.CLEAN_SUCCESS, False)
+    if not isinstance(clean, bool) or (clean and not result.success):
+        return f"has {quality.CLEAN_SUCCESS} {clean}, and success {result.success}"
     return ""
 
 
-def _problem_of_trace(plan: EvaluationPlan, result: EpisodeResult, trace: Trace) -> str:
+def problem_of_trace(plan: EvaluationPlan, result: EpisodeResult, trace: Trace) -> str:
     """Returns what is wrong with an episode's actions by themselves; empty if nothing is."""
     steps = len(trace.actions)
     limit = plan.first.max_episode_steps

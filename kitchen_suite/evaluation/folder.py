@@ -1,5 +1,6 @@
 """The folder of an evaluation: its description, a line of JSON for each finished episode, and the episodes' traces."""
 
+import contextlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -57,9 +58,9 @@ class EvaluationFolder:
     def withdraw(self) -> None:
         """Removes the description from the folder if there is no result."""
         if self._folder and not self.played:
-            traces = self._folder / TRACES_FOLDER
-            if traces.exists():
-                traces.rmdir()
+            # That of an episode without a line may be left by a killed process.
+            with contextlib.suppress(OSError):
+                (self._folder / TRACES_FOLDER).rmdir()
             _EVALUATION.withdraw(self._folder)
 
     def add(self, played: PlayedEpisode) -> None:
@@ -89,6 +90,9 @@ class EvaluationFolder:
             results = [files.parse(files.parse_json(line), EpisodeResult, "not an episode's result") for line in lines]
             paths = [self._trace_path(path.parent, result) for result in results]
         for result, trace_path in zip(results, paths, strict=True):
+            # An episode without a trace, which somebody has removed, is played again.
+            if not trace_path.exists():
+                continue
             with files.reading(trace_path, "the trace of an episode"), trace_path.open("rb") as file:
                 (trace,) = unstacked(files.unpack_arrays(file), 1)
             self.played[result.condition, result.episode] = result, trace

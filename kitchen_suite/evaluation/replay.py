@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from kitchen_suite import checks, files
+from kitchen_suite import files
 from kitchen_suite.episodes.episode import Watch, ignore
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.replay import Replay, ReplayedEpisode
@@ -21,7 +21,7 @@ def replay(
     episodes: str | list[int] = "all",
     published: str | Path | None = None,
     dataset: str | Path | None = None,
-    num_envs: int = 16,
+    num_envs: int | None = None,
     num_threads: int | None = None,
 ) -> Check[ReplayedEpisode] | Check[ReplayedResult]:
     """Plays the episodes of a recording or a receipt again, and compares all numbers and scores.
@@ -31,7 +31,7 @@ def replay(
       episodes: which episodes of a recording: `all`, numbers and ranges such as `0,5,7-9`, or a list of numbers.
       published: file of a result as JSON, such as `kitchen-evaluate` writes, which has to be that of a receipt.
       dataset: folder of the recording from which the goals of a receipt were taken.
-      num_envs: number of environments in which the episodes of a receipt are stepped together.
+      num_envs: number of environments in which the episodes of a receipt are stepped together; 16 when None.
       num_threads: number of threads that step them; one per processor when None.
 
     Returns the check, whose `verdict` is `equal`, `other digits` or `altered`; that of each episode is in `episodes`.
@@ -45,18 +45,19 @@ def replay(
     if path.is_dir():
         if published is not None or dataset is not None:
             raise ValueError("a published result and a dataset are compared with a receipt, not with a recording")
+        if num_envs is not None or num_threads is not None:
+            raise ValueError("num_envs and num_threads are for receipts: the episodes of a recording are played singly")
         played = Replay(Recording.open(path), episodes, 1)
         with contextlib.closing(played.environment):
             return check_recording(played)
     if episodes != "all":
         raise ValueError("the episodes of a receipt are replayed all together")
-    checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
     evaluation = Evaluation.read(path)
     if published is not None:
         check_published(evaluation, Path(published))
     if dataset is not None:
         check_goals(evaluation, Path(dataset))
-    return evaluation.check(num_envs=num_envs, num_threads=num_threads)
+    return evaluation.check(num_envs=16 if num_envs is None else num_envs, num_threads=num_threads)
 
 
 def check_recording(
@@ -88,6 +89,9 @@ def check_published(evaluation: Evaluation, path: Path) -> None:
         expected["episodes"] = evaluation.episode_rows
     if difference := files.first_difference(found, expected):
         raise AlteredError(f"the published result {path} is not that of the receipt: {difference}")
+    # Numbers of other types are equal, but read otherwise.
+    if json.dumps(found, sort_keys=True) != json.dumps(expected, sort_keys=True):
+        raise AlteredError(f"the published result {path} is not that of the receipt: it has numbers of other types")
 
 
 def check_goals(evaluation: Evaluation, dataset: Path) -> None:

@@ -29,7 +29,7 @@ ARRAYS = ("steps", "actions", "checks", "digests", "last")
 """Names of the arrays of a condition's traces."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
     """The actions `(T, k)` of an episode, and of its numbers checks `(T + 1,)`, digest `(32,)` and last ones `(m,)`."""
 

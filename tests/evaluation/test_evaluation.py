@@ -13,6 +13,7 @@ from kitchen_suite import Evaluation, files
 from kitchen_suite.commands import compare, evaluate, replay
 from kitchen_suite.evaluation.evaluation import AlteredError
 from kitchen_suite.evaluation.text import format_comparison, format_evaluation
+from kitchen_suite.policies.files import shipped_as
 
 pytestmark = pytest.mark.usefixtures("folder")
 
@@ -108,6 +109,9 @@ FORGED = {
     "an escape": lambda data: data.update(policy="x\x1b[2J"),
     "more": lambda data: data.update(more=1),
     "no episodes": lambda data: data.update(episodes=3),
+    "a task done too late": lambda data: rows(data)[0].update(asked={"kettle": 10**6}),
+    "success of a diverged episode": lambda data: rows(data)[0].update(diverged=True, success=True),
+    "clean without success": lambda data: rows(data)[0]["measures"].update(clean_success=True),
 }
 
 
@@ -151,6 +155,71 @@ def test_a_receipt_in_place_of_a_folder_is_refused_before_the_first_episode():
 
 def test_a_receipt_in_a_missing_folder_is_refused_before_the_first_episode():
     refuses({"receipt": "missing/a.npz"}, "missing", "receipt")
+
+
+def test_a_receipt_that_is_its_own_folder_is_refused_before_the_first_episode():
+    refuses({"output": "o.npz", "receipt": "o.npz"}, "must be different files")
+
+
+def test_a_receipt_never_replaces_a_trace():
+    files.Path("runs/traces").mkdir(parents=True)
+    refuses({"output": "runs", "receipt": "runs/traces/000_000000.npz"}, "must not be in the folder")
+
+
+def test_a_receipt_never_replaces_an_episode_of_its_dataset():
+    files.Path("runs").mkdir()
+    refuses({"dataset": "runs", "receipt": "runs/episode_000000.npz"}, "must not be in the folder")
+
+
+def test_a_receipt_never_replaces_the_policy(run):
+    files.Path("policy.npz").write_bytes(shipped_as("kettle").read_bytes())
+    before = files.Path("policy.npz").read_bytes()
+    status, _, err = run(evaluate, "--policy=policy.npz", "--task_name=kettle", "--receipt=policy.npz")
+    assert (status, "must be different files" in err) == (2, True)
+    assert files.Path("policy.npz").read_bytes() == before
+
+
+def test_a_comparison_is_never_written_into_a_recording(run, short):
+    short.write("a.npz")
+    spec = kitchen_suite.EnvironmentSpec.make("kitchen", "kettle", {}, max_episode_steps=2)
+    kitchen_suite.record("runs", spec, "zero", num_episodes=1)
+    status, _, err = run(compare, "runs", "a.npz", "--json=runs/recording.json")
+    assert (status, "must not be in the folder" in err) == (2, True)
+
+
+def test_an_altered_folder_is_not_resumed_and_the_remedy_works():
+    whole = kitchen_suite.evaluate("random", output="runs", **SHORT)
+    path = files.Path("runs/episodes.jsonl")
+    lines = path.read_text("utf-8").splitlines(keepends=True)
+    for old, new in (('"seed": 400000000', '"seed": 7'), ('"control_steps": 5', '"control_steps": 3')):
+        path.write_text("".join(line.replace(old, new) for line in lines), encoding="utf-8")
+        with refused(ValueError, "runs was altered", "remove its line from episodes.jsonl"):
+            kitchen_suite.evaluate("random", output="runs", resume=True, **SHORT)
+    path.write_text(lines[1], encoding="utf-8")
+    assert kitchen_suite.evaluate("random", output="runs", resume=True, **SHORT).results == whole.results
+
+
+def test_an_episode_whose_trace_is_missing_is_played_again():
+    whole = kitchen_suite.evaluate("random", output="runs", **SHORT)
+    files.Path("runs/traces/000_000001.npz").unlink()
+    again = kitchen_suite.evaluate("random", output="runs", resume=True, **SHORT)
+    assert again.results == whole.results
+    assert again.check().verdict == "equal"
+
+
+def test_errors_of_a_callback_are_its_own(short):
+    def fail(episode):
+        raise ValueError("mine")
+
+    with pytest.raises(ValueError, match=r"^mine$") as raised:
+        short.check(progress=fail)
+    assert not isinstance(raised.value, AlteredError)
+
+
+def test_a_measured_number_is_no_success(short):
+    ((name, results),) = short.results.items()
+    still = [dataclasses.replace(result, measures={**result.measures, "energy": 1.0}) for result in results]
+    assert dataclasses.replace(short, results={name: still}).constant_successes == (0, 0)
 
 
 def test_a_receipt_never_replaces_the_files_of_its_folder(run):
@@ -207,6 +276,10 @@ def test_episodes_of_a_recording_are_chosen_by_numbers_too():
         kitchen_suite.replay("runs", episodes=0)
     with refused(ValueError, "no episode 7"):
         kitchen_suite.replay("runs", episodes=[7])
+    with refused(ValueError, "at least one"):
+        kitchen_suite.replay("runs", episodes=[])
+    with refused(ValueError, "num_envs", "receipts"):
+        kitchen_suite.replay("runs", num_envs=4)
 
 
 def test_an_interrupted_evaluation_writes_a_receipt_of_all_episodes(short):
