@@ -251,7 +251,8 @@ def vector(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
             array = array.astype(np.float64)
     elif array.dtype != np.float64:
         array = array.astype(np.float64)
-    if not np.logical_and.reduce(np.isfinite(array)):
+    # A zero byte is an element that is not finite. To look for it takes half of the time of a reduction.
+    if 0 in np.isfinite(array).tobytes():
         raise ValueError(f"{name} must be finite, got {shown(value)}")
     return array
 

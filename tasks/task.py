@@ -566,14 +566,15 @@ class SuiteTask(composer.Task):
         self.has_begun_step = True
         if self.mdp.action_mode.reads_derived and not physics.legacy_step:
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
-        self._acting = self.runner.act(self.episode, checked, SingleDraws(random_state))
+        self._draws = SingleDraws(random_state)
+        self._acting = self.runner.act(self.episode, checked, self._draws)
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random = random_state
         if not physics.legacy_step:
             # MuJoCo's own step leaves kinematics and sensors as they were before it.
             self.runner.refresh(physics)
-        self._set_episode(self.runner.advance(self.episode, self._acting, SingleDraws(random_state)), physics)
+        self._set_episode(self.runner.advance(self.episode, self._acting, self._draws), physics)
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         return float(self.mdp.reward(self.state))

@@ -58,7 +58,7 @@ class Evaluation:
 
     @property
     def scores(self) -> dict[str, Any]:
-        """Scores of the first condition, or means over a sample, such as `success`, `mean_tasks` and `intervals`."""
+        """Scores of the first condition alone, or means over a sample; those of all are `scores_by_condition`."""
         return self.plan.main_scores(self.scores_by_condition)
 
     @property

@@ -155,9 +155,9 @@ class EpisodeRunner:
         step = self.mdp.transition(
             state.mdp_state, action=acting.action, target=acting.target, reading=reading, draws=noise
         )
-        parts = {
-            name: part.after(acting.parts[name], self.simulation, step, draws) for name, part in self.parts.items()
-        }
+        parts = dict(acting.parts)
+        for name, part in self.parts.items():
+            parts[name] = part.after(parts[name], self.simulation, step, draws)
         return EpisodeState(self.mdp.rewarded(step), acting.command, state.variation, parts)
 
     def _scaled(self, parts: Mapping[str, Any], draws: Array) -> Array:
