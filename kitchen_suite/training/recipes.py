@@ -69,10 +69,19 @@ def ranges(kind: type) -> dict[str, str]:
     for name, hint in get_type_hints(kind, include_extras=True).items():
         number = get_args(hint)[0] if get_origin(hint) is tuple else hint
         bounds: Meta = get_args(number)[1]
-        low = f"({bounds.gt}" if bounds.gt is not None else f"[{bounds.ge}"
-        high = f"{bounds.lt})" if bounds.lt is not None else f"{bounds.le}]"
+        low = f"({_bound(bounds.gt)}" if bounds.gt is not None else f"[{_bound(bounds.ge)}"
+        high = f"{_bound(bounds.lt)})" if bounds.lt is not None else f"{_bound(bounds.le)}]"
         texts[name] = f"{low}, {high}"
     return texts
+
+
+def _bound(number: float | None) -> str:
+    """Returns a bound as text, an integer without decimals.
+
+    Equal hints are one object to `typing`, so that `ge=0` may come back as another library's `ge=0.0`.
+    """
+    assert number is not None
+    return str(int(number)) if abs(number) < 1e15 and number == int(number) else str(number)
 
 
 # When to evaluate and when to stop, by algorithm; for PPO, unless the domain's recipe has others.
