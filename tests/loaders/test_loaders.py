@@ -63,7 +63,7 @@ def test_robomimic_reads_and_clones(read, make, arguments):
     episodes = make("robomimic", *SHORT, *arguments)
     found = read("robomimic", "data/me/set.hdf5")
     assert 0.0 < found["loss"] < 1.0
-    assert json.loads(str(found["env_meta"]))["env_name"] == "KitchenSuite/FrankaKitchen-v1"
+    assert json.loads(str(found["env_meta"]))["env_name"] == "kitchen_suite:KitchenSuite/FrankaKitchen-v1"
     for part, chosen in {"valid": episodes[:1], "train": episodes[1:]}.items():
         np.testing.assert_array_equal(found[f"{part}/actions"], joined(chosen, "action"))
         np.testing.assert_array_equal(found[f"{part}/rewards"], joined(chosen, "reward"))
