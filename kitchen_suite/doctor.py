@@ -109,7 +109,7 @@ def _facts() -> dict[str, str]:
         "system": platform.platform(),
         "processor": f"{processor()}; {processors()} usable",
         **{name: installation.version_of(name) or _MISSING for name in PACKAGES},
-        "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, to the bit; others: docs/guide/franka_kitchens.md",
+        "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, to the bit; others: docs/guide/migrating.md",
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
         "triton beside GL": _clash(),

@@ -70,7 +70,7 @@ def test_a_task_of_ones_own_is_equal_single_and_vectorised(name):
 
 def test_every_example_is_run_and_is_in_the_index():
     scripts = {path.stem for path in EXAMPLES.glob("*.py")}
-    index = (EXAMPLES.parent / "guide" / "examples.md").read_text(encoding="utf-8")
+    index = (EXAMPLES.parent / "guide" / "quick_reference.md").read_text(encoding="utf-8")
     assert scripts == {*PRINTED, *OWN_TASKS, SERVER} == set(re.findall(r"\]\(\.\./examples/(\w+)\.py\)", index))
 
 

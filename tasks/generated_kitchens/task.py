@@ -99,7 +99,7 @@ class GeneratedKitchenTask(SuiteTask):
             `open drawers_1/drawer_2`.
           num_slots: number of slots that are observed, and greatest number of parts that an episode may ask for.
             Requested parts come first, so with few slots a policy sees little of a kitchen but what it is asked for.
-          reward: `sparse`, `dense` or `dense_gain`, as in the kitchen; see docs/guide/rewards.md.
+          reward: `sparse`, `dense` or `dense_gain`, as in the kitchen; see docs/domains/kitchen.md.
           robot_noise_ratio: scale of the noise of the robot's joints; 0 for none. The default is at most 1 mrad.
           object_noise_ratio: scale of the noise of handles and openings; 0 for none. The default is at most 2 mm, and
             0.5 % of an opening.

@@ -98,7 +98,7 @@ class KitchenTask(SuiteTask):
           threshold: distance from the goal below which a task is complete, of all tasks or by task [rad, m]; 0.3 when
             omitted. Not together with `success`.
           success: `original`, by the threshold, or `strict`, by joint; see docs/domains/kitchen.md.
-          reward: `sparse`, `dense` or `dense_gain`; see docs/guide/rewards.md.
+          reward: `sparse`, `dense` or `dense_gain`; see docs/domains/kitchen.md.
           tasks_per_episode: number of the tasks that an episode asks for, or a pair of the least and greatest number;
             each reset draws which of `tasks_to_complete`, and their order. Only these count for the start, the reward,
             the end and the infos. Every episode asks for all when omitted.

@@ -124,7 +124,7 @@ def test_the_policies_with_the_most_successes_are_shipped(results, tmp_path, mon
 def test_the_page_has_the_flags_of_the_one_network(tmp_path):
     script = load_script("experiments/training")
     task = f"--task_name={script.ONE} --output"
-    (block,) = (block for block in blocks_of(DOCS / "guide" / "training.md") if task in block.code)
+    (block,) = (block for block in blocks_of(DOCS / "guide" / "reinforcement_learning.md") if task in block.code)
     program = tmp_path / "programs" / "kitchen-train"
     program.parent.mkdir()
     program.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\n')

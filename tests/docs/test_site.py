@@ -131,7 +131,7 @@ def test_pages_are_shown_without_the_internet(site, pages):
 @pytest.mark.clients
 def test_files_that_pages_link_to_can_be_read_on_the_site(site, pages):
     shown = site / "examples" / "my_domain.py.html"
-    assert "../examples/my_domain.py.html" in pages[site / "guide" / "examples.html"].links
+    assert "../examples/my_domain.py.html" in pages[site / "guide" / "quick_reference.html"].links
     text = html.unescape(re.sub(r"<[^>]+>", "", shown.read_text(encoding="utf-8")))
     assert (ROOT / "docs" / "examples" / "my_domain.py").read_text(encoding="utf-8").rstrip() in text
 

@@ -10,7 +10,7 @@ PAGES = [page for page in sorted((ROOT / "docs").rglob("*.md")) if "<!-- table: 
 # Their tables are made from environments of every domain, control mode and observation type.
 SLOW_PAGES = ("control_modes.md", "entities.md", "observations.md", "variations.md")
 # Their tables are made from modules that import PyTorch.
-TORCH_PAGES = ("imitation.md", "training.md")
+TORCH_PAGES = ("learning_from_data.md", "reinforcement_learning.md")
 MARKS = dict.fromkeys(SLOW_PAGES, pytest.mark.full) | dict.fromkeys(TORCH_PAGES, pytest.mark.torch)
 
 

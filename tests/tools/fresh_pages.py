@@ -24,8 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from docs_blocks import PARSED_MARKS, ROOT, UNSET, Block, blocks_of
 
 PAGES = [
-    *(f"docs/guide/recipes/{name}.md" for name in ("skrl", "stable_baselines3", "evaluate_stable_baselines3")),
-    *(f"docs/guide/recipes/{name}.md" for name in ("torchrl", "minari")),
+    *(f"docs/guide/recipes/{name}.md" for name in ("skrl", "stable_baselines3", "torchrl", "minari")),
     "docs/guide/experts.md",
     "docs/guide/tutorial.md",
     "docs/guide/remote_policies.md",
