@@ -18,7 +18,7 @@ _PLAY = {
     "max_episode_steps": 1_000,
 }
 
-# Noise on actions and poses makes all episodes differ. The last five are for offline learning; see
+# Noise on actions and poses makes all episodes differ. The last five are for offline learning:
 # docs/guide/learning_from_data.md.
 KITCHEN_PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
