@@ -1,4 +1,4 @@
-"""What the baselines share: flags, the inputs of a policy, acting in chunks of actions, and the evaluation."""
+"""Shared by the baselines: flags, inputs of a policy, acting in chunks of actions, and the evaluation."""
 
 import abc
 import argparse

@@ -142,7 +142,7 @@ class ReplayedEpisode:
 
     @property
     def differences(self) -> tuple[str, ...]:
-        """What differs, in words; empty if nothing does."""
+        """Descriptions of the differences; empty if there are none."""
         steps = {"rewards": self.rewards, "completions": self.completions, "ends": self.ends}
         found = [f"{name} differ at control step {step}" for name, step in steps.items() if step is not None]
         return (*found, *(f"{name} differs" for name in self.arrays))

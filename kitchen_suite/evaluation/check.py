@@ -58,7 +58,7 @@ class ReplayedResult:
 
     @property
     def differences(self) -> tuple[str, ...]:
-        """What differs, in words: the numbers, and each entry of the result; empty if nothing does."""
+        """Descriptions of the differences: of the numbers, and of each entry of the result; empty if there are none."""
         numbers = [] if self.first is None else [f"numbers differ from control step {self.first} on"]
         names = [field.name for field in dataclasses.fields(EpisodeResult)]
         pairs = {name: (getattr(self.recorded, name), getattr(self.replayed, name)) for name in names}

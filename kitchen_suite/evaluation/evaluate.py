@@ -100,15 +100,10 @@ def evaluate(
     if receipt_path is not None:
         check_receipt(plan)
     folder = _open_folder(plan, folder_path, resume)
-    for (name, index), (result, trace) in folder.played.items():
-        problem = problem_of_episode(plan, name, index, result) or problem_of_trace(plan, result, trace)
-        if problem or result.reset != plan.reset_options(name, index):
-            what = f"episode {index} of {name} {problem or 'asks for something else'}"
-            raise ValueError(f"{output} was altered: {what}; remove its line from {EPISODES_FILE} to play it again")
+    found = {name: _found(plan, name, folder) for name in plan.specs}
     announce(plan)
     for name in plan.specs:
-        found = [folder.played[key][0] for key in _keys(plan, name) if key in folder.played]
-        for result in found:
+        for result in found[name]:
             progress(result)
         with _withdrawn_without_results(folder):
             _play_missing(name, plan, reference, folder, num_envs, num_threads, cluster, progress)
@@ -163,6 +158,23 @@ def _withdrawn_without_results(folder: EvaluationFolder) -> Iterator[None]:
 
 def _keys(plan: EvaluationPlan, name: str) -> list[tuple[str, int]]:
     return [(name, index) for index in range(plan.num_episodes)]
+
+
+def _found(plan: EvaluationPlan, name: str, folder: EvaluationFolder) -> list[EpisodeResult]:
+    """Returns the results of a condition that a folder has; raises a ValueError unless they are those of the plan."""
+    results = []
+    for key in _keys(plan, name):
+        if key in folder.played:
+            result, trace = folder.played[key]
+            index = key[1]
+            problem = problem_of_episode(plan, name, index, result) or problem_of_trace(plan, result, trace)
+            if problem or result.reset != plan.reset_options(name, index):
+                what = f"episode {index} of {name} {problem or 'asks for something else'}"
+                raise ValueError(
+                    f"the folder was altered: {what}; remove its line from {EPISODES_FILE} to play it again"
+                )
+            results.append(result)
+    return results
 
 
 def _play_missing(

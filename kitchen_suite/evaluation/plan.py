@@ -80,7 +80,7 @@ class EvaluationPlan:
 
     @property
     def goals(self) -> dict[str, Goals]:
-        """What episodes ask for that their seeds do not say, by condition."""
+        """By condition, the function that takes the goals of its episodes from a recording."""
         return {name: condition.goals for name, condition in self.conditions.items() if condition.goals}
 
     def draw_resets(self, dataset: Path) -> dict[str, list[dict[str, Any]]]:

@@ -21,13 +21,15 @@ from kitchen_suite.versions import machine
 
 FORMAT = 2
 
-# What is written, so that it can be read again: 38 bytes a control step of the kitchen and some 300 an episode, and in
-# the metadata up to `ENTRY_SIZE` characters, of four bytes, an episode beside its goals, `MAX_METADATA` in all.
-MAX_EPISODES, MAX_STEPS = 50_000, 10_000_000
-ENTRY_SIZE, MAX_METADATA, _MAX_BYTES = 1_250, 2**26, 2**30
+# Bounds of what is written, so that it can be read again. A control step of the kitchen takes 38 bytes.
+MAX_EPISODES = 50_000
+MAX_STEPS = 10_000_000  # Control steps of all episodes.
+ENTRY_SIZE = 1_250  # Greatest length of an episode in the metadata, beside its goals [characters].
+MAX_METADATA = 2**26  # Greatest length of the metadata [characters], each of four bytes in the array.
+_MAX_BYTES = 2**30  # Greatest size of the file, and of its arrays together [bytes].
 
-# Greatest length of a text in the metadata, and that of the digest at the end of the file.
-_MAX_TEXT, _SEAL = 1_000, 2 * hashlib.sha256().digest_size
+_MAX_TEXT = 1_000  # Greatest length of a text in the metadata [characters].
+_SEAL = 2 * hashlib.sha256().digest_size  # Length of the digest at the end of the file [bytes].
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

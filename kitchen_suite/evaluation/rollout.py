@@ -27,7 +27,7 @@ from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 PlayedEpisode = tuple[EpisodeResult, Trace]
-"""What an evaluation keeps of an episode."""
+"""The result and the trace of an episode."""
 
 
 def play_condition(

@@ -140,8 +140,11 @@ def stacked(traces: Sequence[Trace]) -> dict[str, NDArray]:
 
 def unstacked(arrays: Mapping[str, NDArray], count: int) -> list[Trace]:
     """Returns the traces of the `count` episodes of which `stacked` made arrays; raises a ValueError for others."""
-    steps, planes, words, digests, last = (arrays[name] for name in ARRAYS)
-    actions = _from_planes(planes)
+    steps = arrays["steps"]
+    actions = _from_planes(arrays["actions"])
+    words = arrays["checks"]
+    digests = arrays["digests"]
+    last = arrays["last"]
     expected = {
         "steps": (steps, np.int64, (count,)),
         "checks": (words, np.uint16, (len(actions) + count,)),

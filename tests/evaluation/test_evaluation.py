@@ -60,14 +60,19 @@ def test_an_evaluation_is_checked_without_files(short):
     assert {id(episode) for episode in seen} == {id(episode) for episode in check.episodes}
 
 
-def test_a_check_names_the_episode_and_the_numbers_that_differ(short):
-    ((name, traces),) = short.traces.items()
+@pytest.mark.parametrize(("quality", "verdict"), [(False, "other digits"), (True, "altered")])
+def test_a_check_names_the_episode_and_the_numbers_that_differ(quality, verdict):
+    """Other actions change positions here, and of the results only those of quality, such as the path's length."""
+    evaluation = kitchen_suite.evaluate("random", quality=quality, **SHORT)
+    ((name, traces),) = evaluation.traces.items()
     altered = dataclasses.replace(traces[1], actions=-traces[1].actions)
-    check = dataclasses.replace(short, traces={name: [traces[0], altered]}).check()
-    assert check.verdict in ("other digits", "altered")
+    check = dataclasses.replace(evaluation, traces={name: [traces[0], altered]}).check()
+    assert check.verdict == verdict
+    assert [episode.verdict for episode in check.episodes] == ["equal", verdict]
     (episode,) = check.differing
     assert (episode.condition, episode.episode, episode.seed) == (name, 1, 400_000_001)
     assert episode.differences[0] == "numbers differ from control step 1 on"
+    assert any(each.startswith("measures ") for each in episode.differences) == quality
 
 
 def test_other_endings_are_refused(short):
@@ -129,6 +134,36 @@ def test_json_that_does_not_agree_with_itself_is_refused_by_every_reader(run, sh
     status, out, err = run(compare, "c.json", "b.npz")
     assert (status, out, err.count("\n")) == (1, "", 1)
     assert "\x1b" not in err
+
+
+# Alterations of an episode from which all scores are computed anew, and what each is refused for.
+CONTRADICTIONS = {
+    "another seed": ({"seed": 7}, "is another one"),
+    "too long": ({"control_steps": 6}, "6 control steps, of at most 5"),
+    "no length": ({"control_steps": 0}, "0 control steps"),
+    "diverged early": ({"diverged": True, "control_steps": 3}, "3 control steps"),
+    "diverged and succeeded": ({"diverged": True, "success": True}, "has diverged, and completed something"),
+    "diverged and completed": ({"diverged": True, "asked": {"kettle": 2}}, "has diverged, and completed something"),
+    "done too late": ({"asked": {"kettle": 6}}, "completes tasks at control steps [6], of 5"),
+    "other measures": ({"measures": {"energy": 1.0}}, "is measured by ['energy']"),
+    "clean without success": ({"clean": True}, "has clean_success True, and success False"),
+    "clean by a half": ({"clean": 0.5}, "has clean_success 0.5"),
+}
+
+
+@pytest.mark.parametrize("kind", CONTRADICTIONS)
+def test_an_episode_that_contradicts_itself_is_refused_though_scores_follow_from_it(short, kind):
+    changes, shown = CONTRADICTIONS[kind]
+    ((name, results),) = short.results.items()
+    if "clean" in changes:
+        changes = {"measures": {**results[0].measures, "clean_success": changes["clean"]}}
+    altered = dataclasses.replace(results[0], **changes)
+    forged = dataclasses.replace(short, results={name: [altered, *results[1:]]})
+    forged.write("a.json")
+    forged.write("a.npz")
+    for path in ("a.json", "a.npz"):
+        with refused(AlteredError, path, "episode 0 of kettle", shown):
+            Evaluation.read(path)
 
 
 def test_comparisons_say_that_files_were_not_replayed(short):
@@ -193,7 +228,7 @@ def test_an_altered_folder_is_not_resumed_and_the_remedy_works():
     lines = path.read_text("utf-8").splitlines(keepends=True)
     for old, new in (('"seed": 400000000', '"seed": 7'), ('"control_steps": 5', '"control_steps": 3')):
         path.write_text("".join(line.replace(old, new) for line in lines), encoding="utf-8")
-        with refused(ValueError, "runs was altered", "remove its line from episodes.jsonl"):
+        with refused(ValueError, "the folder was altered", "remove its line from episodes.jsonl"):
             kitchen_suite.evaluate("random", output="runs", resume=True, **SHORT)
     path.write_text(lines[1], encoding="utf-8")
     assert kitchen_suite.evaluate("random", output="runs", resume=True, **SHORT).results == whole.results
