@@ -88,6 +88,38 @@ def test_episodes_are_those_of_kitchen_record(evaluate, run, folder, policy, tas
         np.testing.assert_array_equal([row["state"] for row in rows], arrays["observation/observation"][1:, :18])
 
 
+MEMORY = """
+import numpy as np
+
+class Chunks:
+    def __init__(self):
+        self.waiting = []
+
+    def reset(self):
+        self.waiting = []
+
+    def __call__(self, timestep):
+        if not self.waiting:
+            seen = timestep.observation["franka/joint_positions"]
+            self.waiting = [0.3 * np.sin(9.0 * seen + number) for number in range(8)]
+        return self.waiting.pop(0)
+
+chunks = Chunks()
+"""
+
+
+@pytest.mark.parametrize("name", ["Chunks", "chunks"])
+def test_a_policy_forgets_its_chunk_where_an_episode_starts(evaluate, run, folder, write_policies, name):
+    write_policies(MEMORY)
+    policy = f"my_policies:{name}"
+    evaluate(server(policy), episodes_per_task=3, params={"tasks": ["kettle"], "seed": 7, "max_episode_steps": 5})
+    flags = [f"--policy={policy}", "--task_name=kettle", "--seed=7", "--num_episodes=3", "--max_episode_steps=5"]
+    assert run(record, *flags, "--output=runs")[0] == 0
+    for index, episode in enumerate(Recording.open(Path("runs"))):
+        actions = [row["action"] for row in rows_of(folder, index)]
+        np.testing.assert_array_equal(actions, episode.arrays["action"])
+
+
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_tasks_of_every_domain_are_played(evaluate, domain):
     tasks = [*suite.TASKS_BY_DOMAIN[domain]][:2]
