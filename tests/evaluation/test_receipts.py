@@ -598,12 +598,14 @@ def test_a_receipt_does_not_import_the_robot_that_it_names(short, tmp_path, monk
 
 
 @pytest.mark.full
-def test_a_receipt_that_could_not_be_verified_is_refused_at_the_start(run, tmp_path):
+def test_a_receipt_that_could_not_be_verified_is_refused_at_the_start(run, tmp_path, monkeypatch):
+    (tmp_path / "planted.py").write_text("from kitchen_suite.entities import PANDA as ARM\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
     for flags, shown in (
         (["--num_episodes=60000"], "50,000 episodes"),
         (["--num_episodes=40000"], "10,000,000 control steps"),
         (["--domain_name=kitchen_suite.domains.kitchen:KITCHEN"], "could not be verified"),
-        (['--task_kwargs={"robot": "docs.examples.my_arm:MY_ARM", "control_mode": "ee_pose"}'], "robot of a receipt"),
+        (['--task_kwargs={"robot": "planted:ARM", "control_mode": "ee_pose"}'], "robot of a receipt"),
     ):
         status, _, err = run(evaluate, *flags, "--receipt=a.npz")
         assert status == 2
