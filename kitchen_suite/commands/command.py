@@ -21,6 +21,7 @@ from kitchen_suite._version import __version__
 SUCCESS = 0
 FAILURE = 1
 USAGE = 2
+GATE = 4  # A gate is not passed, such as --fail_under: the work was done, and its result is not good enough.
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 

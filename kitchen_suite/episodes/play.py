@@ -282,6 +282,12 @@ class VectorEpisode:
         last = self.rows[-1].items()
         return {name.removeprefix("info/"): rows[self.i] for name, rows in last if name.startswith("info/")}
 
+    @property
+    def steps_to_success(self) -> int | None:
+        """The control step at which the infos first call it a success, 0 for the reset; None if they never do."""
+        successes = (bool(row["info/is_success"][self.i]) for row in self.rows)
+        return next((step for step, success in enumerate(successes) if success), None)
+
     def collect(self, task: SuiteTask) -> Episode:
         """Returns the episode, with the metrics of its task."""
         arrays = {

@@ -168,6 +168,8 @@ def _found(plan: EvaluationPlan, name: str, folder: EvaluationFolder) -> list[Ep
             result, trace = folder.played[key]
             index = key[1]
             problem = problem_of_episode(plan, name, index, result) or problem_of_trace(plan, result, trace)
+            if result.success_at_end is None:
+                problem = "does not say whether it ends in success"
             if problem or result.reset != plan.reset_options(name, index):
                 what = f"episode {index} of {name} {problem or 'asks for something else'}"
                 raise ValueError(

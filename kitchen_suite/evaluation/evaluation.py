@@ -285,6 +285,8 @@ def _agreeing_plan(record: Mapping[str, Any], results: Mapping[str, Sequence[Epi
         for index, result in enumerate(each):
             if problem := problem_of_episode(plan, name, index, result):
                 raise ValueError(f"episode {index} of {name} {problem}: the file was altered")
+    if len({result.success_at_end is None for each in results.values() for result in each}) > 1:
+        raise ValueError("some episodes alone say whether they end in success: the file was altered")
     written = _as_json(plan, results)
     if difference := files.first_difference(record, written):
         raise ValueError(f"the file was altered: {difference}, which follows from its episodes")
@@ -310,9 +312,28 @@ def problem_of_episode(plan: EvaluationPlan, name: str, index: int, result: Epis
         return f"completes tasks at control steps {steps}, of {result.control_steps}"
     if result.diverged and (result.success or steps):
         return "has diverged, and completed something"
+    if problem := _problem_of_success(plan, result):
+        return problem
     clean = result.measures.get(quality.CLEAN_SUCCESS, False)
     if not isinstance(clean, bool) or (clean and not result.success):
         return f"has {quality.CLEAN_SUCCESS} {clean}, and success {result.success}"
+    return ""
+
+
+def _problem_of_success(plan: EvaluationPlan, result: EpisodeResult) -> str:
+    """Returns what is wrong with when an episode succeeded, and whether that lasted; empty if nothing is."""
+    at_end = result.success_at_end
+    steps = result.steps_to_success
+    if at_end is None:
+        return "" if steps is None else "succeeds at a control step, and not whether at its end"
+    if result.diverged and (at_end or steps is not None):
+        return "has diverged, and succeeded"
+    if at_end and not result.success:
+        return "succeeds at its end, and does not succeed"
+    if result.success and steps is None:
+        return "succeeds at no control step"
+    if steps is not None and steps > result.control_steps:
+        return f"succeeds at control step {steps}, of {result.control_steps}"
     return ""
 
 

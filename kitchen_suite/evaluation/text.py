@@ -18,7 +18,7 @@ from kitchen_suite.policies import PolicyRef
 from kitchen_suite.versions import machine
 
 # Beginnings of the names of scores that are means in a unit of their own; all others are rates.
-_MEANS = ("mean_", "control_steps", "score", "d4rl_score", "subtasks", *quality.INFOS)
+_MEANS = ("mean_", "control_steps", "steps_to_success", "score", "d4rl_score", "subtasks", *quality.INFOS)
 _ENTROPY = "order entropy [bit]"
 _INTERVAL = "95 % interval"
 

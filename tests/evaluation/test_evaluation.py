@@ -343,7 +343,7 @@ def test_one_task_is_shown_once(short):
     text = format_evaluation(kitchen_suite.evaluate("zero", **SHORT))
     for repeated in ("p1", "mean tasks", "order entropy", "where asked"):
         assert repeated not in text
-    assert text.count("success") == 1
+    assert text.count("\nsuccess ") == 1
 
 
 def test_functions_print_nothing(capfd, short):
