@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from absl.flags import DEFINE_boolean, DEFINE_float, DEFINE_string, FlagValues
 
+from kitchen_suite import checks
 from kitchen_suite.commands import flags, watching
 from kitchen_suite.commands.command import GATE, Command, fail
 from kitchen_suite.evaluation.protocols import PROTOCOLS
@@ -69,7 +70,7 @@ def define(values: FlagValues) -> None:
         "End with status 4 if the success rate is below this number, from 0 to 1: that of the first condition, or the "
         "mean over conditions that are a sample."
     )
-    DEFINE_float("fail_under", None, gate, lower_bound=0.0, upper_bound=1.0, flag_values=values)
+    DEFINE_float("fail_under", None, gate, flag_values=values)
     receipt = "File to write a receipt to, with which kitchen-replay checks the scores without the policy."
     flags.file(values, "receipt", receipt, suffix=".npz")
     flags.task(values, unset=unset, task_unset=unset)
@@ -85,6 +86,8 @@ def run(given: FlagValues) -> int | None:
     from kitchen_suite.evaluation.rollout import watch_episodes
     from kitchen_suite.policies import PolicyRef
 
+    if given.fail_under is not None:
+        checks.number(given.fail_under, "fail_under", maximum=1.0)
     wanted = {"json": given.json, "receipt": given.receipt, "web": given.web}
     check_destinations(PolicyRef.parse(given.policy), given.dataset, given.output, wanted)
     kwargs = flags.environment_kwargs(given)

@@ -309,8 +309,9 @@ class Forger:
         index = int(self.generator.integers(len(results)))
         one = results[index]
         task = self.generator.choice([*one.asked])
+        reached = not one.success
         changes = [
-            {"success": not one.success},
+            {"success": reached, "success_at_end": reached, "steps_to_success": 1 if reached else None},
             {"control_steps": one.control_steps + int(self.generator.integers(1, 50))},
             {"asked": {**one.asked, task: None if one.asked[task] else int(self.generator.integers(1, 12))}},
             {"progress": one.progress + 0.25},
