@@ -48,6 +48,7 @@ def test_success_that_was_undone_is_none_at_the_end(undone):
     assert 30 < undone.scores["steps_to_success"] < 60
 
 
+@pytest.mark.full
 def test_the_cabinet_succeeds_at_the_end_as_before():
     evaluation = kitchen_suite.evaluate(
         "expert", domain_name="open_cabinet", num_episodes=2, max_episode_steps=290, quality=True
@@ -61,6 +62,7 @@ def test_the_cabinet_succeeds_at_the_end_as_before():
     assert random.scores["success_at_end"] == 0.0
 
 
+@pytest.mark.full
 def test_files_keep_it_and_a_check_finds_it_altered(undone, tmp_path):
     for name in ("a.npz", "a.json"):
         undone.write(tmp_path / name)
