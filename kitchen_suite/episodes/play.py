@@ -4,7 +4,6 @@ import collections
 import contextlib
 import dataclasses
 import time
-import traceback
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -42,6 +41,7 @@ from kitchen_suite.policies import (
     labels_of,
     takes_of,
 )
+from kitchen_suite.policies.memory import described, reset_rows
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -82,7 +82,7 @@ class SingleRollout:
 
         Args:
           spec: of the episodes.
-          build_policy: builds the policy of each episode.
+          build_policy: builds the policy of each episode, of the row 0.
           action_dtype: type that actions are rounded to, as `play` and recordings do to that of the action space; they
             are left as the policy returns them when None.
           **extra: additional arguments of the environment.
@@ -98,7 +98,7 @@ class SingleRollout:
         environment = suite_env(self.environment)
         observation, info = reset_to_seed(self.environment, seed, self._spec.seeding, options)
         self.buffer = EpisodeBuffer(observation, info, environment.physics_state, name)
-        self.policy = self._build_policy(environment.environment, policy_generator(seed))
+        self.policy = self._build_policy(environment.environment, policy_generator(seed), row=0)
         if takes_of(self.policy) == BATCH:
             raise PolicyError("a policy of a batch acts in vectorised environments alone")
 
@@ -210,7 +210,7 @@ class PolicyController:
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
         environment = self._environments.template_of(i).environment
-        self._policies[i] = self._build_policy(environment, policy_generator(seed))
+        self._policies[i] = self._build_policy(environment, policy_generator(seed), row=i)
 
     def act(self, step: BatchStep) -> NDArray:
         actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
@@ -397,30 +397,34 @@ def _numbers(infos: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-class _BatchPolicy:
-    """Acts by a callable of the observations of all environments, whose actions are checked and clipped."""
+class _BatchController:
+    """Acts by a policy of the observations of all environments, whose actions are checked and clipped.
+
+    A policy with a memory is told before each call which rows begin an episode.
+    """
 
     labels: Mapping[str, NDArray] = MappingProxyType({})
 
     def __init__(self, policy: PolicyRef, environments: SuiteVectorEnv) -> None:
         """Takes a policy that takes a batch."""
-        assert policy.function is not None
         assert isinstance(environments.action_space, gymnasium.spaces.Box)
         self._text = policy.text
-        self._function = policy.function
+        self._policy = policy.batch_policy()
+        self._beginning: list[int] = []  # Rows that begin an episode with the next action.
         self._space = environments.action_space
         self._mode = environments.composer_task.mdp.action_mode.name
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
-        """Does nothing: the callable is told of no episode."""
+        self._beginning.append(i)
 
     def act(self, step: BatchStep) -> NDArray:
+        if self._beginning:
+            reset_rows(self._policy, np.array(self._beginning), f"policy {self._text}")
+            self._beginning = []
         try:
-            given = self._function(step.observations)
+            given = self._policy(step.observations)
         except (Exception, SystemExit) as error:
-            frame = traceback.extract_tb(error.__traceback__)[-1]
-            problem = f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})"
-            raise PolicyError(f"policy {self._text} raised {problem}") from error
+            raise PolicyError(f"policy {self._text} raised {described(error)}") from error
         try:
             actions = checks.array_of(given, "actions")
         except Exception as error:  # Of `__array__` as well, such as that of a tensor that requires a gradient.
@@ -438,7 +442,7 @@ class _BatchPolicy:
 def make_controller(spec: EpisodeSpec, policy: PolicyRef, environments: SuiteVectorEnv) -> Controller:
     """Returns what acts by a policy in vectorised environments of a specification."""
     if policy.takes == BATCH:
-        return _BatchPolicy(policy, environments)
+        return _BatchController(policy, environments)
     return PolicyController(environments, policy.builder(spec.policy_sha256))
 
 
@@ -466,15 +470,15 @@ def play(
 
     An episode is that of `env.reset(seed=seed)` in a new Gymnasium environment, with actions of its action space's
     type. It depends neither on the other episodes nor on how many are played at once: the policy of each is built anew,
-    with random numbers of its own. A callable is the same object in every episode; one with a memory has to be played
-    with `num_envs=1`.
+    with random numbers of its own. A custom policy with a memory is given by a factory or has a method `reset`, as
+    `kitchen_suite.policies.memory` describes; another callable is the same object in every episode.
 
     Args:
       spec: of the environments, with the extra observables that the policy needs.
-      policy: a name such as `expert(speed=0.8)`, the path of a trained policy, the address of a server, or a callable;
-        see `PolicyRef.of`.
+      policy: a name such as `expert(speed=0.8)`, the path of a trained policy, the address of a server, or a callable,
+        a policy or a factory of policies; see `PolicyRef.of`.
       seeds: of the episodes.
-      takes: what a callable is called with: `timestep`, `observation` or `batch`.
+      takes: what a policy that is a callable is called with: `timestep`, `observation` or `batch`.
       num_envs: greatest number of environments that are stepped together; fewer, where all can then play to the end.
       num_threads: number of threads that step them; when None one per processor, and one in the workers of a cluster.
       cluster: Ray workers that play the episodes, `num_envs` at a time in each; this process when None.

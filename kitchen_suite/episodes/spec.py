@@ -282,9 +282,12 @@ class EpisodeSpec(EnvironmentSpec):
     def check_policy(self, policy: PolicyRef, environment: gymnasium.Env) -> None:
         """Builds the policy once, so that a PolicyError on bad options is raised before the first episode.
 
-        Warns of a policy from a file that was trained for a task that does not include this one.
+        A custom policy, which has no options, is looked up alone: it may take long to make. Warns of a policy from a
+        file that was trained for a task that does not include this one.
         """
-        policy.builder(self.policy_sha256)(suite_env(environment).environment, policy_generator(self.seed))
+        build = policy.builder(self.policy_sha256)
+        if not policy.is_custom:
+            build(suite_env(environment).environment, policy_generator(self.seed))
         if path := policy.file():
             record = policies.load_policy(path).metadata
             its_task = {name: record[name] for name in ("domain_name", "task_name", "task_kwargs")}

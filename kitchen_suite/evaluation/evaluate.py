@@ -49,8 +49,8 @@ def evaluate(
     `announce` and `progress`.
 
     Args:
-      policy: a name such as `expert`, the path of a trained policy, the address of a server, or a callable, which must
-        have no memory where `num_envs` is more than 1; see `PolicyRef.of`.
+      policy: a name such as `expert`, the path of a trained policy, the address of a server, or a callable: a policy,
+        whose memory of an episode its method `reset` clears, or a factory of policies; see `policies.memory`.
       protocol: name of the protocol, a key of `PROTOCOLS`.
       takes: what a callable is called with: `timestep`, `observation` or `batch`.
       domain_name: of the environments.

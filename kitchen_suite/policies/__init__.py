@@ -1,5 +1,6 @@
 """Policies by name: random, zero, scripted experts, trained policies, servers, and those of a user."""
 
+from kitchen_suite.policies.memory import BatchPolicyWithMemory, PolicyWithMemory
 from kitchen_suite.policies.reference import (
     BATCH,
     OBSERVATION,
@@ -25,11 +26,13 @@ __all__ = [
     "OBSERVATION",
     "POLICIES",
     "TIMESTEP",
+    "BatchPolicyWithMemory",
     "Policy",
     "PolicyBuilder",
     "PolicyError",
     "PolicyRef",
     "PolicySource",
+    "PolicyWithMemory",
     "Takeover",
     "find",
     "instruct",

@@ -4,8 +4,7 @@ import ast
 import contextlib
 import dataclasses
 import re
-import traceback
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, imports, installation
 from kitchen_suite.installation import EXTRA_PACKAGES
+from kitchen_suite.policies.memory import PolicyMaker, batch_policy, check_batch_policy, described
 from kitchen_suite.policies.registry import ADDRESS, POLICIES, Policy, PolicyBuilder, PolicyError, PolicySource
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class PolicyRef:
       text: its name, as recordings and results have it: without the password of an address.
       key: a key of `POLICIES`; for all others `module:callable`, or the empty string for an object.
       options: of the name, such as those of `expert(speed=0.8)`.
-      function: the policy itself, where an object was given in place of a name.
+      function: the policy itself or a factory of policies, where an object was given in place of a name.
       takes: what it is called with, one of `TAKES`.
     """
 
@@ -66,10 +66,11 @@ class PolicyRef:
         """Returns the reference to a policy.
 
         Args:
-          policy: a name or an address as in `parse`, the path of a trained policy's file, or a callable.
-          takes: what a callable is called with: `timestep`, a `dm_env.TimeStep` of the suite's own environment;
-            `observation`, that of the Gymnasium environment; or `batch`, the observations of many environments, for
-            which it returns as many actions.
+          policy: a name or an address as in `parse`, the path of a trained policy's file, or a callable: a policy or a
+            factory of policies, as in `policies.memory`.
+          takes: what a policy that is a callable is called with: `timestep`, a `dm_env.TimeStep` of the suite's own
+            environment; `observation`, that of the Gymnasium environment; or `batch`, the observations of many
+            environments, for which it returns as many actions.
 
         Raises a ValueError if there is no such policy, a TypeError for what cannot be called.
         """
@@ -95,8 +96,9 @@ class PolicyRef:
 
         It is a key of `POLICIES`, with options where it takes any, such as `expert(speed=0.8, jitter=0.02)` or
         `trained(file='policy.npz')`; the path of a file that ends with `.npz`, a trained policy; an address
-        `ws://host:port`, a policy on a server; `module:callable`, a policy that is the same object in every episode; or
-        `gym:module:callable`, one that takes observations of the Gymnasium environment. Nothing is imported yet.
+        `ws://host:port`, a policy on a server; `module:callable`, a policy or a factory of policies as in
+        `policies.memory`; or `gym:module:callable`, of one that takes observations of the Gymnasium environment.
+        Nothing is imported yet.
 
         Raises a ValueError if the text is not well-formed, or names no policy.
         """
@@ -141,6 +143,11 @@ class PolicyRef:
         return self._source.file(self.options, task) if self._source else None
 
     @property
+    def is_custom(self) -> bool:
+        """Whether it is an object or `module:callable`."""
+        return self._source is None
+
+    @property
     def is_independent_of_tasks(self) -> bool:
         """Whether it is the same in every task: a custom one or one on a server, which no task has to be built for."""
         return self._source is None or not self._source.privileged
@@ -162,20 +169,18 @@ class PolicyRef:
 
         Raises:
           ImportError: the policy needs an extra that is not installed.
-          ValueError: the policy cannot be imported or cannot be called.
+          ValueError: the policy cannot be imported, called or, with a memory, copied.
         """
         source, options, text = self._source, self.options, self.text
         if source is None:
-            function = self._callable()
-            privileged = bool(getattr(function, "privileged", False))
-            return lambda environment, generator: _CheckedPolicy(
-                function, text, environment, takes=self.takes, privileged=privileged
-            )
+            return self._custom_builder()
         if source.extra:
             installation.installed(EXTRA_PACKAGES[source.extra], f"policy {checks.shown(text)}", source.extra)
         build = source.for_episodes(digest)
 
-        def build_with_checks(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
+        def build_with_checks(
+            environment: dm_env.Environment, generator: np.random.Generator, row: Hashable | None = None
+        ) -> Policy:
             try:
                 policy = build(environment, generator, **options)
             except (OSError, TypeError, ValueError) as error:
@@ -184,8 +189,35 @@ class PolicyRef:
 
         return build_with_checks
 
+    def batch_policy(self) -> Policy:
+        """Returns the policy for a batch; raises a PolicyError as `memory.batch_policy`."""
+        assert self.takes == BATCH
+        return batch_policy(self._callable(), self._title)
+
+    def _custom_builder(self) -> PolicyBuilder:
+        """Returns the builder of a policy that is an object or `module:callable`, or that a factory makes."""
+        given = self._callable()
+        if self.takes == BATCH:
+            check_batch_policy(given, self._title)
+            # It acts in vectorised environments alone, which call `batch_policy`.
+            return lambda environment, generator, row=None: _CheckedPolicy(given, self.text, environment, takes=BATCH)
+        make = PolicyMaker(given, self._title)
+
+        def build(
+            environment: dm_env.Environment, generator: np.random.Generator, row: Hashable | None = None
+        ) -> Policy:
+            policy = make(row)
+            privileged = any(getattr(each, "privileged", False) for each in (policy, given))
+            return _CheckedPolicy(policy, self.text, environment, takes=self.takes, privileged=privileged)
+
+        return build
+
+    @property
+    def _title(self) -> str:
+        return f"policy {checks.shown(self.text)}"
+
     def _callable(self) -> Callable[[Any], Any]:
-        """Returns the policy that is an object, or imports it; modules are also looked for in the working directory."""
+        """Returns the object that was given, or imports it; modules are also looked for in the working directory."""
         if self.function is not None:
             return self.function
         if not self.key:
@@ -285,8 +317,7 @@ class _CheckedPolicy:
         except ConnectionError as error:
             raise PolicyError(f"policy {checks.shown(self._name)} cannot act: {error}") from error
         except (Exception, SystemExit) as error:
-            frame = traceback.extract_tb(error.__traceback__)[-1]
-            problem = f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})"
+            problem = described(error)
             if isinstance(error, KeyError) and str(error) in map(repr, self._hidden):
                 problem += "; the obs_type does not show it: choose another one, or set privileged = True on the policy"
             raise PolicyError(f"policy {checks.shown(self._name)} raised {problem}") from error

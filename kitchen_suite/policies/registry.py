@@ -4,6 +4,7 @@ A policy is called with the present `dm_env.TimeStep` and returns the action. An
 is true. A policy may have an attribute `labels`, a mapping that says something of its last action, by names that are
 the same after every action; recordings keep them. Rollouts assign the task's sentence to an attribute `instruction`,
 where a policy has one, before each action.
+`policies.memory` describes custom policies with a memory, and factories.
 
 A policy `gym:module:callable` is called with the observation of the Gymnasium environment instead, which is what
 policies of Gymnasium's libraries were trained on. `kitchen_suite.policies.PolicyRef` says what a policy is called
@@ -39,7 +40,11 @@ Policy = Callable[[Any], ArrayLike]
 """Returns the action for a `dm_env.TimeStep` of the suite's environment, or for what `takes` says."""
 
 PolicyBuilder = Callable[..., Policy]
-"""Builds the policy for one episode from the environment and a generator of the episode's own."""
+"""Builds the policy for one episode from the environment and a generator of the episode's own.
+
+The builder of `PolicyRef.builder` also takes a `row`: of several episodes at once each has another one, and the policy
+of a row's next episode may be the same object, which is reset. Without a row, a policy with a memory is another object.
+"""
 
 # A policy on a server, by its address alone.
 ADDRESS = re.compile(r"wss?://\S+")

@@ -302,7 +302,7 @@ class BCLearner(Learner):
         )
 
     def controller(self, policy: ChunkPolicy, environments: SuiteVectorEnv) -> Controller:
-        return PolicyController(environments, lambda environment, _: policy.episode(environment.task))
+        return PolicyController(environments, lambda environment, generator, row: policy.episode(environment.task))
 
 
 def scales_of(inputs: NDArray, actions: NDArray, epsilon: float) -> Scales:

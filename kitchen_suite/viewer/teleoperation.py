@@ -82,10 +82,11 @@ class TeleoperatedEpisode(LiveEpisode):
             raise ValueError("a person can take over from a policy of time steps alone, not from one of observations")
         build_other = policy.builder(spec.policy_sha256) if policy else None
 
-        def build_policy(environment: Environment, generator: np.random.Generator) -> "TeleoperatedPolicy":
+        def build_policy(environment: Environment, generator: np.random.Generator, row: int) -> "TeleoperatedPolicy":
             from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 
-            return TeleoperatedPolicy(environment.task, build_other(environment, generator) if build_other else None)
+            other = build_other(environment, generator, row) if build_other else None
+            return TeleoperatedPolicy(environment.task, other)
 
         super().__init__(spec, build_policy, render_quality=render_quality)
 

@@ -54,7 +54,8 @@ class SuitePolicyServer(PredictModelServer):
         if "environment" not in task:
             raise ValueError(f"the task {task.get('name')!r} is not of KitchenSuiteBenchmark")
         generator = policy_generator(task["seed"] + task["episode_idx"])
-        self._policies[ctx.session_id] = self._policy_of(_environment(task["environment"]), generator)
+        environment = _environment(task["environment"])
+        self._policies[ctx.session_id] = self._policy_of(environment, generator, row=ctx.session_id)
 
     async def on_episode_end(self, result: dict[str, Any], ctx: SessionContext) -> None:
         await super().on_episode_end(result, ctx)
