@@ -79,7 +79,7 @@ def define(values: FlagValues) -> None:
 
 def run(given: FlagValues) -> int | None:
     """Evaluates the policy; prints the scores, and writes the files that are wanted; returns the status of a gate."""
-    from kitchen_suite.episodes.report import print_line
+    from kitchen_suite.episodes.report import paragraph, print_line
     from kitchen_suite.episodes.spec import EnvironmentSpec
     from kitchen_suite.evaluation import text
     from kitchen_suite.evaluation.evaluate import check_destinations, evaluate
@@ -117,6 +117,8 @@ def run(given: FlagValues) -> int | None:
         )
     if totals := text.format_totals(evaluation, given.format):
         print_line(f"\n{totals}")
+    if latency := text.format_latency(evaluation):
+        print_line(f"\n{paragraph(latency, given.format)}")
     if given.episodes:
         print_line(f"\n{text.format_episodes(evaluation.results, given.format)}")
     if given.json:

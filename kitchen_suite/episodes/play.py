@@ -179,7 +179,14 @@ class BatchStep(NamedTuple):
 
 
 class Controller(Protocol):
-    """Chooses the actions of all environments."""
+    """Chooses the actions of all environments.
+
+    Attributes:
+      is_batched: whether the actions of all environments are one answer of a policy, or each is one of its own.
+    """
+
+    @property
+    def is_batched(self) -> bool: ...
 
     @property
     def labels(self) -> Mapping[str, NDArray]:
@@ -198,6 +205,8 @@ class PolicyController:
     Policies take time steps as the suite's own environment returns them, or observations of the Gymnasium environment;
     see `policies.takes_of`.
     """
+
+    is_batched = False
 
     def __init__(self, environments: SuiteVectorEnv, build_policy: PolicyBuilder) -> None:
         self._environments = environments
@@ -403,6 +412,7 @@ class _BatchController:
     A policy with a memory is told before each call which rows begin an episode.
     """
 
+    is_batched = True
     labels: Mapping[str, NDArray] = MappingProxyType({})
 
     def __init__(self, policy: PolicyRef, environments: SuiteVectorEnv) -> None:

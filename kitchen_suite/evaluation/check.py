@@ -122,7 +122,7 @@ def replayed_results(
             if wrong := next((trace.actions.shape[1:] for trace in given if trace.actions.shape[1:] != shape), None):
                 raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
             replay = ActionReplay({result.seed: trace.actions for result, trace in zip(recorded, given, strict=True)})
-            for replayed, trace in play_condition(name, plan, environments, replay, waiting):
+            for replayed, trace, _ in play_condition(name, plan, environments, replay, waiting):
                 first = given[replayed.episode].first_difference(trace)
                 yield ReplayedResult(
                     recorded=recorded[replayed.episode],

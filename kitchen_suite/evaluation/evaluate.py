@@ -8,6 +8,8 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from kitchen_suite import checks, files
 from kitchen_suite.episodes.cluster import Cluster
 from kitchen_suite.episodes.episode import Waiting
@@ -110,8 +112,9 @@ def evaluate(
     played = {name: [folder.played[key] for key in _keys(plan, name)] for name in plan.specs}
     evaluation = Evaluation(
         plan=plan,
-        results={name: [result for result, _ in each] for name, each in played.items()},
-        traces={name: [trace for _, trace in each] for name, each in played.items()},
+        results={name: [episode.result for episode in each] for name, each in played.items()},
+        traces={name: [episode.trace for episode in each] for name, each in played.items()},
+        answer_seconds=np.concatenate([episode.answer_seconds for each in played.values() for episode in each]),
     )
     if receipt_path is not None:
         evaluation.write(receipt_path)
@@ -165,7 +168,7 @@ def _found(plan: EvaluationPlan, name: str, folder: EvaluationFolder) -> list[Ep
     results = []
     for key in _keys(plan, name):
         if key in folder.played:
-            result, trace = folder.played[key]
+            result, trace, _ = folder.played[key]
             index = key[1]
             problem = problem_of_episode(plan, name, index, result) or problem_of_trace(plan, result, trace)
             if result.success_at_end is None:
@@ -202,7 +205,7 @@ def _play_missing(
     with contextlib.closing(played):
         for episode in played:
             folder.add(episode)
-            progress(episode[0])
+            progress(episode.result)
 
 
 def _play(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, suite
 from kitchen_suite.episodes.recording import SPEC_FILE
@@ -38,6 +39,8 @@ class Evaluation:
         read from JSON, which has none.
       machine: kind of processor that played the episodes; empty where the evaluation was read from JSON.
       path: the file that it was read from; None for one that was played by this process.
+      answer_seconds: `(t,)`, how long each answer of the policy took [s], of those that were played by this call; files
+        have no times.
     """
 
     plan: EvaluationPlan
@@ -45,6 +48,7 @@ class Evaluation:
     traces: Mapping[str, Sequence[Trace]] = dataclasses.field(default_factory=dict)
     machine: str = dataclasses.field(default_factory=machine)
     path: Path | None = None
+    answer_seconds: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     @property
     def name(self) -> str:
@@ -79,6 +83,17 @@ class Evaluation:
                     total += 1
                     constant += bool((trace.actions == trace.actions[:1]).all())
         return constant, total
+
+    @property
+    def latency(self) -> tuple[float, float] | None:
+        """Median and 95th percentile of the time that the policy's answers took [s]; None where none was played.
+
+        An answer is the action for one observation, or the actions for a batch of them.
+        """
+        if not self.answer_seconds.size:
+            return None
+        middle, late = np.quantile(self.answer_seconds, (0.5, 0.95))
+        return float(middle), float(late)
 
     @property
     def episode_rows(self) -> dict[str, list[dict[str, Any]]]:

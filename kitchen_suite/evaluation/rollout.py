@@ -6,10 +6,11 @@ import kitchen_suite.rendering.without_gl  # noqa: F401
 import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from dm_control.rl.control import PhysicsError
+from numpy.typing import NDArray
 
 from kitchen_suite.episodes.episode import Waiting, Watch
 from kitchen_suite.episodes.play import Controller, VectorEpisode, VectorRollout, episode_name
@@ -25,8 +26,19 @@ from kitchen_suite.gymnasium_env.observations import OF_OBSERVATIONS
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-PlayedEpisode = tuple[EpisodeResult, Trace]
-"""The result and the trace of an episode."""
+
+class PlayedEpisode(NamedTuple):
+    """An episode that has been played.
+
+    Attributes:
+      result: of the episode.
+      trace: its actions, and digests of its numbers.
+      answer_seconds: `(T,)`, how long the policy's answer of each control step took [s]; nothing is kept of it.
+    """
+
+    result: EpisodeResult
+    trace: Trace
+    answer_seconds: NDArray[np.float64] = np.zeros(0)
 
 
 def play_condition(
@@ -53,7 +65,7 @@ def play_condition(
             goals = np.array(reset.get(GOAL_STATES, ()))
             own = {key: of(states, goals) for key, of in measures.items()}
             result = dataclasses.replace(result, measures={**own, **result.measures})
-        yield result, trace
+        yield PlayedEpisode(result, trace, recorder.answer_seconds(episode))
 
 
 def _result(

@@ -229,6 +229,14 @@ def format_totals(evaluation: Evaluation, table_format: str = "text") -> str:
     return "\n\n".join(parts)
 
 
+def format_latency(evaluation: Evaluation) -> str:
+    """Returns how long the policy's answers took; empty where none was played."""
+    if evaluation.latency is None:
+        return ""
+    middle, late = (1_000 * seconds for seconds in evaluation.latency)
+    return f"an answer of the policy took {middle:.3g} ms (median), and 95 % at most {late:.3g} ms"
+
+
 def format_changes(plan: EvaluationPlan) -> str:
     """Returns the values that replace the protocol's, each beside that one; empty without any."""
     if not (changes := plan.changes):
