@@ -91,10 +91,11 @@ def run(given: FlagValues) -> int | None:
     wanted = {"json": given.json, "receipt": given.receipt, "web": given.web}
     check_destinations(PolicyRef.parse(given.policy), given.dataset, given.output, wanted)
     kwargs = flags.environment_kwargs(given)
-    spec = EnvironmentSpec.make(given.domain_name, given.task_name, kwargs)
-    flags.prepare_images(spec)
+    # Without what the protocol sets, which changes neither images nor cameras.
+    shown = EnvironmentSpec.make(given.domain_name, given.task_name, kwargs)
+    flags.prepare_images(shown)
     if given.web:
-        _check_page(given, spec)
+        _check_page(given, shown)
     with _Scores(given) as scores:
         evaluation = evaluate(
             given.policy,

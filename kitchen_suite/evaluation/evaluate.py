@@ -15,7 +15,7 @@ from kitchen_suite.episodes.cluster import Cluster
 from kitchen_suite.episodes.episode import Waiting
 from kitchen_suite.episodes.play import make_controller
 from kitchen_suite.episodes.spec import even_count, merged_kwargs
-from kitchen_suite.evaluation.evaluation import Evaluation, check_receipt, problem_of_episode, problem_of_trace
+from kitchen_suite.evaluation.evaluation import Evaluation, check_can_be_receipt, problem_of_episode, problem_of_trace
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, TRACES_FOLDER, EvaluationFolder
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan
 from kitchen_suite.evaluation.rollout import PlayedEpisode, play_condition
@@ -100,7 +100,7 @@ def evaluate(
     )
     plan = make_plan(reference, protocol, replaced, dataset_path)
     if receipt_path is not None:
-        check_receipt(plan)
+        check_can_be_receipt(plan)
     folder = _open_folder(plan, folder_path, resume)
     found = {name: _found(plan, name, folder) for name in plan.specs}
     announce(plan)
@@ -193,8 +193,8 @@ def _play_missing(
     progress: Callable[[EpisodeResult], object],
 ) -> None:
     """Plays the episodes of a condition that a folder lacks, and adds them to it."""
-    seed = plan.specs[name].seed
-    waiting = [(index, seed + index) for _, index in _keys(plan, name) if (name, index) not in folder.played]
+    spec = plan.specs[name]
+    waiting = [(index, spec.seed_of(index)) for _, index in _keys(plan, name) if (name, index) not in folder.played]
     if not waiting:
         return
     if cluster is None:

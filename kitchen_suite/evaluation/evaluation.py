@@ -120,7 +120,7 @@ class Evaluation:
             self.write_json(path)
         elif path.suffix == ".npz":
             self.require_actions("a receipt is made of")
-            check_receipt(self.plan)
+            check_can_be_receipt(self.plan)
             contents = Receipt(
                 evaluation=self.as_json(),
                 replaced=self.plan.replaced,
@@ -198,7 +198,7 @@ class Evaluation:
                 progress(episode)
 
 
-def check_receipt(plan: EvaluationPlan) -> None:
+def check_can_be_receipt(plan: EvaluationPlan) -> None:
     """Raises a ValueError unless a receipt of a plan's episodes could be read and checked."""
     if plan.first.domain_name not in suite.DOMAINS:
         raise ValueError(f"a receipt of domain {plan.first.domain_name!r} could not be verified: it is not the suite's")
@@ -313,7 +313,7 @@ def _agreeing_plan(record: Mapping[str, Any], results: Mapping[str, Sequence[Epi
 
 def problem_of_episode(plan: EvaluationPlan, name: str, index: int, result: EpisodeResult) -> str:
     """Returns what is wrong with an episode by itself; empty if nothing is."""
-    if (result.condition, result.episode, result.seed) != (name, index, plan.first.seed + index):
+    if (result.condition, result.episode, result.seed) != (name, index, plan.first.seed_of(index)):
         return "is another one"
     if not np.isfinite([result.progress, *result.measures.values()]).all():
         return "has numbers that are not finite"

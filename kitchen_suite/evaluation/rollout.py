@@ -57,7 +57,7 @@ def play_condition(
     recorder = TraceRecorder(environments, controller)
     for index, episode in VectorRollout(environments, recorder, plan.resets.get(name, ())).play(waiting):
         reset = plan.reset_options(name, index)
-        key = {"condition": name, "episode": index, "seed": spec.seed + index, "reset": reset}
+        key = {"condition": name, "episode": index, "seed": spec.seed_of(index), "reset": reset}
         result = _result(environments, spec, episode, key)
         trace = recorder.trace(episode)
         if measures:

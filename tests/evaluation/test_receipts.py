@@ -16,7 +16,7 @@ import pytest
 import kitchen_suite
 from kitchen_suite import files
 from kitchen_suite.commands import evaluate, record, replay
-from kitchen_suite.evaluation.evaluation import Evaluation, check_receipt
+from kitchen_suite.evaluation.evaluation import Evaluation, check_can_be_receipt
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan
 from kitchen_suite.evaluation.receipt import Receipt, sealed
 from kitchen_suite.evaluation.rollout import watch_episodes
@@ -621,10 +621,10 @@ def test_a_receipt_of_many_episodes_is_read_and_one_of_too_many_goals_is_refused
     dataclasses.replace(short, results=results, traces=traces).write(tmp_path / "many.npz")
     assert Receipt.read(tmp_path / "many.npz").results == results
     plan = make_plan(PolicyRef.parse("zero"), replaced=Replaced(num_episodes=30_000))
-    check_receipt(plan)
+    check_can_be_receipt(plan)
     goals = {"random_4": [{"goal_states": [0.1] * 400}] * 30_000}
     with pytest.raises(ValueError, match="fewer with goals"):
-        check_receipt(dataclasses.replace(plan, resets=goals))
+        check_can_be_receipt(dataclasses.replace(plan, resets=goals))
 
 
 @pytest.mark.full
