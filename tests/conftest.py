@@ -35,7 +35,7 @@ COSTS = ("quick", "full", "nightly")
 
 # What the tests of a marker import. Tests that need any of it cost as much as the full ones.
 REQUIREMENTS = {
-    "clients": ("torch", "stable_baselines3", "skrl", "torchrl", "shimmy", "ipykernel", "matplotlib"),
+    "clients": ("torch", "stable_baselines3", "sb3_contrib", "skrl", "torchrl", "shimmy", "ipykernel", "matplotlib"),
     "torch": ("torch", "stable_baselines3"),
     "ray": ("ray",),
     "lerobot": ("lerobot",),

@@ -1,7 +1,7 @@
 """A custom scripted policy, which all commands take: a list of speeds of the hand opens the microwave.
 
 python scripted_policy.py
-kitchen-rollout --policy=scripted_policy:act --task_name=microwave --control_mode=ee_delta_pose --video=microwave.mp4
+kitchen-rollout --policy=scripted_policy:Script --task_name=microwave --control_mode=ee_delta_pose --video=microwave.mp4
 """
 
 import numpy as np
@@ -20,20 +20,25 @@ ACTIONS = np.array([action for action, steps in MOVES for _ in range(steps)])
 
 
 class Script:
-    """Plays the list from the first time step of an episode on, and then stays; `timestep.observation` is not used."""
+    """Plays the list, and then stays; `timestep.observation` is not used.
 
-    step = 0
+    Each environment has a policy of its own, since the class is given, and `reset` is called before each episode.
+    """
+
+    def __init__(self):
+        self.step = 0
+
+    def reset(self):
+        """Begins the list again."""
+        self.step = 0
 
     def __call__(self, timestep):
-        """Returns the action of the present time step."""
-        self.step = 0 if timestep.first() else self.step + 1
-        return ACTIONS[self.step] if self.step < len(ACTIONS) else np.array([0, 0, 0, 0, 0, 0, 1])
+        """Returns the next action."""
+        self.step += 1
+        return ACTIONS[self.step - 1] if self.step <= len(ACTIONS) else np.array([0, 0, 0, 0, 0, 0, 1])
 
-
-# It counts the steps of one episode, so kitchen-record and kitchen-evaluate need --num_envs=1.
-act = Script()
 
 if __name__ == "__main__":
     spec = EnvironmentSpec.make("kitchen", "microwave", {"control_mode": "ee_delta_pose"})
-    for episode in kitchen_suite.play(spec, act, seeds=range(2)):
+    for episode in kitchen_suite.play(spec, Script, seeds=range(2), num_envs=2):
         print(f"seed {episode.seed}: {episode.steps} steps, success {episode.metrics['success']}")

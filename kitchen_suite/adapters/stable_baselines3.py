@@ -12,6 +12,7 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
@@ -213,6 +214,43 @@ _OWN_ARGUMENTS = ("policy", "takes", "cluster", "output", "resume", "receipt", "
 _SEED = 300_000_000
 
 
+class ModelPolicy:
+    """A model of Stable-Baselines3 or sb3-contrib as a policy for a batch, also a recurrent one.
+
+    Where the model was trained in a `VecNormalize`, observations are normalised as there.
+    """
+
+    def __init__(self, model: BaseAlgorithm, *, deterministic: bool = True) -> None:
+        """Takes a model, which acts in any number of environments.
+
+        Args:
+          model: such as `PPO.load(path)`, or one in training.
+          deterministic: whether the model takes its likeliest action.
+        """
+        self._model, self._deterministic = model, deterministic
+        self._states: tuple[NDArray, ...] | None = None  # Of recurrent networks.
+        self._beginning: set[int] = set()
+
+    def reset(self, rows: NDArray[np.int64]) -> None:
+        """Has the episodes of some rows begin with the next call."""
+        self._beginning |= {*rows.tolist()}
+
+    def __call__(self, observations: Any) -> NDArray:
+        """Returns the actions `(n, k)` for observations of `n` environments."""
+        normalize = self._model.get_vec_normalize_env()
+        seen = observations if normalize is None else normalize.normalize_obs(observations)
+        first = next(iter(seen.values())) if isinstance(seen, Mapping) else seen
+        starts = np.isin(np.arange(len(first)), [*self._beginning])
+        if starts.all():
+            # The last states may be of another number of environments.
+            self._states = None
+        actions, self._states = self._model.predict(
+            seen, state=self._states, episode_start=starts, deterministic=self._deterministic
+        )
+        self._beginning = set()
+        return actions
+
+
 class EvaluationCallback(BaseCallback):
     """Evaluates the model under a protocol while it is trained, in the suite's vectorised environments.
 
@@ -270,7 +308,7 @@ class EvaluationCallback(BaseCallback):
             observation, _ = environment.reset(seed=0)
             advice = "pass the arguments of the training environment as task_kwargs"
             try:
-                action = self._predict(observation)
+                action = self._policy()(_batch_of_one(observation))[0]
             except (AssertionError, IndexError, KeyError, TypeError, ValueError) as error:
                 raise ValueError(
                     f"the model does not take observations of the evaluation, {advice}: {error}"
@@ -279,11 +317,9 @@ class EvaluationCallback(BaseCallback):
                 found = f"{action.shape}, not {environment.action_space.shape}"
                 raise ValueError(f"the model has other actions than the evaluation, {advice}: shape {found}")
 
-    def _predict(self, observations: Any) -> NDArray:
-        normalize = self.model.get_vec_normalize_env()
-        seen = observations if normalize is None else normalize.normalize_obs(observations)
-        actions, _ = self.model.predict(seen, deterministic=self._deterministic)
-        return actions
+    def _policy(self) -> ModelPolicy:
+        """Returns the policy of an evaluation, or of a condition of one: without a memory of what was played before."""
+        return ModelPolicy(self.model, deterministic=self._deterministic)
 
     def _on_step(self) -> bool:
         if self.n_calls % self._eval_freq == 0:
@@ -291,7 +327,7 @@ class EvaluationCallback(BaseCallback):
         return True
 
     def _evaluate(self) -> None:
-        evaluation = evaluate(self._predict, takes=BATCH, **self._arguments)
+        evaluation = evaluate(self._policy, takes=BATCH, **self._arguments)
         self.evaluations[self.num_timesteps] = evaluation
         scores = evaluation.scores
         logged = {"success_rate": scores["success"], "mean_ep_length": scores["control_steps"]}
@@ -316,3 +352,10 @@ def _row(infos: Mapping[str, Any], i: int) -> dict[str, Any]:
     """Returns the infos of environment `i`; those of variations are nested."""
     own = {key: value for key, value in infos.items() if not key.startswith(("_", "final_"))}
     return {key: _row(value, i) if isinstance(value, Mapping) else value[i] for key, value in own.items()}
+
+
+def _batch_of_one(observation: Any) -> Any:
+    """Returns the observation of an environment, an array or a dict of arrays, as those of one environment of many."""
+    if isinstance(observation, Mapping):
+        return {key: _batch_of_one(part) for key, part in observation.items()}
+    return np.asarray(observation)[np.newaxis]

@@ -468,7 +468,7 @@ def play_many(
 
 def play(
     spec: EnvironmentSpec,
-    policy: str | Path | PolicyRef | Callable[[Any], Any],
+    policy: str | Path | PolicyRef | Callable[..., Any],
     seeds: Iterable[int],
     *,
     takes: str = TIMESTEP,

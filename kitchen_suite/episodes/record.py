@@ -23,7 +23,7 @@ class DivergedEpisodesError(checks.WorkFailedError):
 def record(
     folder: str | Path,
     spec: EnvironmentSpec,
-    policy: str | Path | PolicyRef | Callable[[Any], Any],
+    policy: str | Path | PolicyRef | Callable[..., Any],
     *,
     num_episodes: int,
     seed: int = 0,

@@ -24,7 +24,7 @@ from kitchen_suite.policies import TIMESTEP, PolicyError, PolicyRef
 
 
 def evaluate(
-    policy: str | Path | PolicyRef | Callable[[Any], Any],
+    policy: str | Path | PolicyRef | Callable[..., Any],
     *,
     protocol: str = "default",
     takes: str = TIMESTEP,

@@ -5,7 +5,7 @@ these `observation.state`, `observation.environment_state` and `observation.imag
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,12 @@ class Feature:
     names: tuple[str, ...] | None = None
 
 
+def environment_keys(keys: Iterable[str]) -> list[str]:
+    """Returns which parts of an observation of the suite make LeRobot's `environment_state`, in its order."""
+    found = [key for key in keys if key not in (AGENT_POS, PIXELS)]
+    return sorted(found, key=lambda key: key != ENVIRONMENT_STATE)
+
+
 class LeRobotObservations:
     """Lays observations of an environment out as LeRobot's environments do.
 
@@ -63,12 +69,12 @@ class LeRobotObservations:
             raise ValueError(f"LeRobot's policies do not read {' and '.join(refused)}: leave it out")
         # Of the parts of `environment_state` in the suite's observation: of that of its name, and of those beside it.
         self._state_size = _shape(given[ENVIRONMENT_STATE])[0] if ENVIRONMENT_STATE in found else 0
-        others = [key for key in given.spaces if key not in (AGENT_POS, ENVIRONMENT_STATE, PIXELS)]
+        others = [key for key in environment_keys(given.spaces) if key != ENVIRONMENT_STATE]
         self._extra_sizes = {key: _shape(given[key])[0] for key in others}
         pictures = environment.composer_task.pictures.pictures
         self._cameras = [picture_key(picture.camera) for picture in pictures]
         parts: dict[str, spaces.Space] = {AGENT_POS: given[AGENT_POS]}
-        if vectors := [given[key] for key in self._environment_keys(given.spaces)]:
+        if vectors := [given[key] for key in environment_keys(given.spaces)]:
             low, high = (np.concatenate([getattr(box, side) for box in vectors]) for side in ("low", "high"))
             parts[ENVIRONMENT_STATE] = spaces.Box(low, high, dtype=low.dtype.type)
         images: dict[str, spaces.Space] = self._by_camera(given[PIXELS]) if PIXELS in found else {}
@@ -84,7 +90,7 @@ class LeRobotObservations:
     def __call__(self, observation: Mapping[str, Any]) -> dict[str, Any]:
         """Returns an observation of one environment or, with a leading axis, of many, or of many steps."""
         laid_out: dict[str, Any] = {AGENT_POS: observation[AGENT_POS]}
-        if vectors := [observation[key] for key in self._environment_keys(observation)]:
+        if vectors := [observation[key] for key in environment_keys(observation)]:
             laid_out[ENVIRONMENT_STATE] = np.concatenate(vectors, axis=-1)
         if PIXELS in observation:
             laid_out[PIXELS] = self._by_camera(observation[PIXELS])
@@ -108,9 +114,6 @@ class LeRobotObservations:
             _TRUNCATED: arrays["truncation"],
             _SUCCESS: arrays["info/is_success"][1:].astype(bool),
         }
-
-    def _environment_keys(self, keys: Mapping[str, Any]) -> list[str]:
-        return [*([ENVIRONMENT_STATE] if ENVIRONMENT_STATE in keys else []), *self._extra_sizes]
 
     def _by_camera(self, pictures: Any) -> dict[str, Any]:
         """Returns pictures, or their spaces, by camera, also where there is one camera."""

@@ -45,7 +45,10 @@ class BatchPolicyWithMemory(Protocol):
     """A policy that acts in many environments at once."""
 
     def reset(self, rows: NDArray[np.int64], /) -> object:
-        """Forgets the last episode of some rows, given by their indices, before the first actions of the next ones."""
+        """Forgets the last episode of some rows, given by their indices, before the first actions of the next ones.
+
+        The first call has the indices of all rows.
+        """
 
     def __call__(self, observations: Any, /) -> ArrayLike:
         """Returns the actions `(n, ...)` for observations of `n` environments."""
@@ -73,21 +76,23 @@ class PolicyMaker:
 
         Without a row, the policy acts in no other episode. Raises a PolicyError if it cannot be made or reset.
         """
-        policy = None if row is None else self._by_row.get(row)
+        policy = self._by_row.get(row)
         if policy is None:
             policy = self._make()
-        reset = _reset_of(policy)
-        if reset is None:
-            return policy
-        if row is not None and row not in self._by_row:
-            if any(_owner(policy) is _owner(other) for other in self._by_row.values()):
-                raise PolicyError(f"{self._name} returns the same object twice: each episode needs a policy of its own")
-            self._by_row[row] = policy
-        try:
-            reset()
-        except (Exception, SystemExit) as error:
-            raise PolicyError(f"reset() of {self._name} raised {described(error)}") from error
+            if row is not None and _reset_of(policy):
+                self._keep(policy, row)
+        if reset := _reset_of(policy):
+            try:
+                reset()
+            except (Exception, SystemExit) as error:
+                raise PolicyError(f"reset() of {self._name} raised {described(error)}") from error
         return policy
+
+    def _keep(self, policy: Policy, row: Hashable) -> None:
+        """Keeps the policy of a row, which no other row has."""
+        if any(_owner(policy) is _owner(other) for other in self._by_row.values()):
+            raise PolicyError(f"{self._name} returns the same object twice: each episode needs a policy of its own")
+        self._by_row[row] = policy
 
     def _make(self) -> Policy:
         """Returns a policy that acts in no episode yet."""

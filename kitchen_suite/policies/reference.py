@@ -58,11 +58,11 @@ class PolicyRef:
     text: str
     key: str
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    function: Callable[[Any], Any] | None = None
+    function: Callable[..., Any] | None = None
     takes: str = TIMESTEP
 
     @classmethod
-    def of(cls, policy: "str | Path | PolicyRef | Callable[[Any], Any]", takes: str = TIMESTEP) -> Self:
+    def of(cls, policy: "str | Path | PolicyRef | Callable[..., Any]", takes: str = TIMESTEP) -> Self:
         """Returns the reference to a policy.
 
         Args:
@@ -216,7 +216,7 @@ class PolicyRef:
     def _title(self) -> str:
         return f"policy {checks.shown(self.text)}"
 
-    def _callable(self) -> Callable[[Any], Any]:
+    def _callable(self) -> Callable[..., Any]:
         """Returns the object that was given, or imports it; modules are also looked for in the working directory."""
         if self.function is not None:
             return self.function

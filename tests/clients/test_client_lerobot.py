@@ -121,6 +121,86 @@ def test_the_function_of_an_env_hub():
     tasks[0].close()
 
 
+@pytest.fixture
+def act(tmp_path):
+    """The folder of an action-chunking transformer with random weights, which plays three of its four actions."""
+    import torch
+    from lerobot.configs.types import FeatureType, PolicyFeature
+    from lerobot.policies.act.configuration_act import ACTConfig
+    from lerobot.policies.act.modeling_act import ACTPolicy
+    from lerobot.policies.factory import make_pre_post_processors
+
+    inputs = {"observation.state": (FeatureType.STATE, 18), "observation.environment_state": (FeatureType.ENV, 41)}
+    settings = ACTConfig(
+        input_features={name: PolicyFeature(kind, (size,)) for name, (kind, size) in inputs.items()},
+        output_features={"action": PolicyFeature(FeatureType.ACTION, (9,))},
+        chunk_size=4,
+        n_action_steps=3,
+        dim_model=16,
+        n_heads=2,
+        dim_feedforward=16,
+        n_encoder_layers=1,
+        use_vae=False,
+        device="cpu",
+    )
+    torch.manual_seed(0)
+    sizes = {**{name: size for name, (_, size) in inputs.items()}, "action": 9}
+    statistics = {name: {"mean": torch.zeros(size), "std": torch.full((size,), 0.1)} for name, size in sizes.items()}
+    folder = tmp_path / "act"
+    policy = ACTPolicy(settings)
+    policy.save_pretrained(folder)
+    for processor in make_pre_post_processors(settings, dataset_stats=statistics):
+        processor.save_pretrained(folder)
+    return folder
+
+
+@pytest.mark.parametrize("num_envs", [1, 2, 5])
+def test_a_policy_of_lerobot_acts_in_the_suites_episodes_as_in_lerobots(act, num_envs):
+    import torch
+    from lerobot.envs.utils import preprocess_observation
+    from lerobot.policies.act.modeling_act import ACTPolicy
+    from lerobot.policies.factory import make_pre_post_processors
+
+    import kitchen_suite
+    from kitchen_suite.lerobot.policies import LeRobotPolicy
+
+    spec = kitchen_suite.EnvironmentSpec.make("kitchen", "kettle", {"obs_type": "environment_state_agent_pos"}, 5)
+    played = kitchen_suite.play(spec, LeRobotPolicy(act), range(5), takes="observation", num_envs=num_envs)
+    found = {episode.seed: episode.arrays["action"] for episode in played}
+    policy = ACTPolicy.from_pretrained(act)
+    before, after = make_pre_post_processors(policy.config, pretrained_path=str(act))
+    environments = config("kitchen", task="kettle", max_episode_steps=5, render_mode=None).create_envs(1)["kitchen"][0]
+    for seed in range(5):
+        policy.reset()
+        observation, _ = environments.reset(seed=[seed])
+        for action in found[seed]:
+            with torch.no_grad():
+                chosen = after(policy.select_action(before(preprocess_observation(observation)))).numpy()
+            np.testing.assert_array_equal(action, chosen[0])
+            observation, *_ = environments.step(chosen)
+    environments.close()
+    assert not np.array_equal(found[0], found[1])
+
+
+def test_copies_of_a_policy_of_lerobot_share_weights_and_no_queue(act):
+    import copy
+
+    from kitchen_suite.lerobot.policies import LeRobotPolicy
+
+    policy = LeRobotPolicy(act)
+    other = copy.deepcopy(policy)
+    observation = {"agent_pos": np.zeros(18), "environment_state": np.zeros(41)}
+    moved = {"agent_pos": np.ones(18), "environment_state": np.ones(41)}
+    first = policy(observation)
+    np.testing.assert_array_equal(other(observation), first)
+    # The rest of the chunk, whatever is observed; and after a reset the first action of a new one.
+    np.testing.assert_array_equal(policy(moved), other(observation))
+    policy.reset()
+    assert not np.array_equal(policy(moved), first)
+    own, others = ([*each._policy.parameters()] for each in (policy, other))
+    assert all(one is another for one, another in zip(own, others, strict=True))
+
+
 def test_lerobot_reads_what_was_recorded(kettle):
     dataset = load()
     assert (dataset.fps, dataset.num_episodes, dataset.meta.robot_type) == (12, 3, "franka")

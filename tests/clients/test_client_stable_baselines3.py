@@ -547,6 +547,67 @@ def test_evaluations_are_normalised_as_training_is():
     assert (3, 59) in seen
 
 
+def recurrent_model():
+    from sb3_contrib import RecurrentPPO
+
+    environment = small_model().get_env()
+    # Great weights, so that the hidden state matters.
+    policy = {"lstm_hidden_size": 8, "net_arch": [8], "ortho_init": False, "log_std_init": -20.0}
+    return RecurrentPPO(
+        "MlpLstmPolicy", environment, n_steps=8, batch_size=16, n_epochs=1, seed=0, device="cpu", policy_kwargs=policy
+    )
+
+
+def actions_alone(model, spec, seed):
+    """The actions of the episode of a seed, as the documentation of sb3-contrib plays a recurrent model."""
+    environment = spec.make_environment()
+    observation, _ = environment.reset(seed=seed)
+    state, start, actions, truncated = None, np.ones(1, bool), [], False
+    while not truncated:
+        action, state = model.predict(observation, state=state, episode_start=start, deterministic=True)
+        actions.append(action)
+        start = np.zeros(1, bool)
+        observation, _, _, truncated, _ = environment.step(action)
+    environment.close()
+    return np.array(actions)
+
+
+def test_a_recurrent_model_has_a_hidden_state_for_each_episode():
+    import kitchen_suite
+    from kitchen_suite.adapters.stable_baselines3 import ModelPolicy
+
+    model = recurrent_model()
+    spec = kitchen_suite.EnvironmentSpec.make("kitchen", "kettle", {"obs_type": "state"}, 4)
+    policy = ModelPolicy(model)
+    expected = [actions_alone(model, spec, seed) for seed in range(5)]
+    # What it would do without a memory.
+    environment = spec.make_environment()
+    observation, _ = environment.reset(seed=0)
+    observation = environment.step(expected[0][0])[0]
+    assert np.abs(model.predict(observation, deterministic=True)[0] - expected[0][1]).max() > 1e-3
+    environment.close()
+    for num_envs in (1, 2, 4):
+        played = kitchen_suite.play(spec, policy, range(5), takes="batch", num_envs=num_envs)
+        for episode in played:
+            # PyTorch adds up in another order for other sizes of a batch.
+            np.testing.assert_allclose(episode.arrays["action"], expected[episode.seed], atol=1e-5)
+
+
+def test_a_recurrent_model_is_evaluated_while_it_is_trained():
+    import kitchen_suite
+    from kitchen_suite.adapters.stable_baselines3 import ModelPolicy
+
+    # The first evaluation is made before the first update.
+    callback = evaluating(num_episodes=5, num_envs=2)
+    recurrent_model().learn(16, callback=callback)
+    assert [*callback.evaluations] == [8, 16]
+    arguments = {"task_name": "kettle", "task_kwargs": {"obs_type": "state"}, "num_episodes": 5, "max_episode_steps": 3}
+    policy = ModelPolicy(recurrent_model())
+    again = kitchen_suite.evaluate(policy, takes="batch", num_envs=2, seed=300_000_000, **arguments)
+    for one, other in zip(callback.evaluations[8].traces["kettle"], again.traces["kettle"], strict=True):
+        np.testing.assert_array_equal(one.actions, other.actions)
+
+
 @pytest.mark.parametrize(
     ("kwargs", "error", "shown"),
     [

@@ -47,6 +47,26 @@ def broken(timestep):
     raise KeyError("lost")
 """
 
+# Four actions of the last chunk are left over at the end of an episode of twenty control steps.
+MEMORY = """
+import numpy as np
+
+class Chunks:
+    def __init__(self):
+        self.waiting = []
+
+    def reset(self):
+        self.waiting = []
+
+    def __call__(self, timestep):
+        if not self.waiting:
+            seen = timestep.observation["franka/joint_positions"]
+            self.waiting = [0.3 * np.sin(9.0 * seen + number) for number in range(8)]
+        return self.waiting.pop(0)
+
+chunks = Chunks()
+"""
+
 
 @pytest.fixture
 def run(run, folder, write_policies):
@@ -117,6 +137,36 @@ def test_a_callable_plays_on_workers():
 
     spec = kitchen_suite.EnvironmentSpec.make("kitchen", "kettle", {}, 5)
     arguments = {"policy": still, "seeds": range(5), "takes": "batch", "num_envs": 2}
+    many = {episode.seed: episode.digest for episode in kitchen_suite.play(spec, **arguments, cluster=Cluster(2))}
+    assert many == {episode.seed: episode.digest for episode in kitchen_suite.play(spec, **arguments)}
+
+
+def test_a_policy_with_a_memory_plays_on_workers_as_in_one_process(run, write_policies):
+    write_policies(MEMORY)
+    names = ("my_policies:Chunks", "my_policies:chunks")
+    command = ["--num_episodes=9", "--num_envs=2", SHORT]
+    for number, name in enumerate(names):
+        assert run(record, f"--output=many_{number}", WORKERS, f"--policy={name}", *command)[0] == 0
+        assert run(record, f"--output=one_{number}", f"--policy={name}", *command, "--num_envs=1")[0] == 0
+        assert_same_episodes(f"many_{number}", f"one_{number}")
+
+    def rows():
+        class Rows:
+            def __init__(self):
+                self.steps = np.zeros(16)
+
+            def reset(self, rows):
+                self.steps[rows] = 0
+
+            def __call__(self, observations):
+                self.steps += 1
+                count = len(observations["observation"])
+                return np.tile(0.1 * np.sin(self.steps[:count, np.newaxis]), 9)
+
+        return Rows()
+
+    spec = kitchen_suite.EnvironmentSpec.make("kitchen", "kettle", {}, 5)
+    arguments = {"policy": rows, "seeds": range(7), "takes": "batch", "num_envs": 2}
     many = {episode.seed: episode.digest for episode in kitchen_suite.play(spec, **arguments, cluster=Cluster(2))}
     assert many == {episode.seed: episode.digest for episode in kitchen_suite.play(spec, **arguments)}
 

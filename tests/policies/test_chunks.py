@@ -1,5 +1,6 @@
 """Policies of chunks: files, chunks, and the tasks that they act in."""
 
+import contextlib
 import os
 import shutil
 import subprocess
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 from helpers.errors import refused
 
-from kitchen_suite import suite
+import kitchen_suite
+from kitchen_suite import EnvironmentSpec, suite
 from kitchen_suite.commands import rollout
 from kitchen_suite.episodes.recording import Recording
+from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import files as policy_files
 from kitchen_suite.policies import load_policy
 from kitchen_suite.policies.chunks import ChunkPolicy
@@ -295,6 +298,27 @@ def test_the_commands_play_such_policies(tmp_path, capsys):
     flags = ["--task_name=kettle", "--num_episodes=1", "--max_episode_steps=5"]
     assert rollout.main([f"--policy=trained(file={path!r})", *flags]) == 0
     assert "episodes              1" in capsys.readouterr().out
+
+
+@pytest.mark.full
+def test_an_episode_does_not_begin_with_the_rest_of_the_last_ones_chunk(tmp_path):
+    policy = make()
+    policy.save(tmp_path / "policy.npz")
+    # Two actions of each chunk are applied, so that one is left over.
+    spec = EnvironmentSpec.make("kitchen", "kettle", {"variations": ["start"]}, 5)
+    with contextlib.closing(spec.make_environment()) as environment:
+        inputs = suite_env(environment).composer_task.policy_inputs
+        starts = [environment.reset(seed=seed)[0] for seed in range(5)]
+        first = [policy.predict(inputs.state_and_requests(start, TASKS).ravel())[0] for start in starts]
+    digests = []
+    for num_envs in (1, 2, 5):
+        played = {
+            each.seed: each for each in kitchen_suite.play(spec, tmp_path / "policy.npz", range(5), num_envs=num_envs)
+        }
+        episodes = [played[seed] for seed in range(5)]
+        np.testing.assert_array_equal([episode.arrays["action"][0] for episode in episodes], first)
+        digests.append([episode.digest for episode in episodes])
+    assert digests == [digests[0]] * 3
 
 
 @pytest.mark.full

@@ -17,9 +17,11 @@ import pytest
 from dm_env import specs
 from docs_scripts import load_script
 from helpers.errors import assert_is_short, refused
+from helpers.policies_with_memory import EPISODES, LIMIT, SPEC, Chunks, Recurrent, assert_as_alone, chunk
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
+import kitchen_suite
 from kitchen_suite import checks, policies
 from kitchen_suite.commands import evaluate, record, rollout
 from kitchen_suite.installation import EXTRA_PACKAGES
@@ -33,17 +35,23 @@ pack = functools.partial(msgpack.packb, default=SERVER.packed)
 unpack = functools.partial(msgpack.unpackb, object_hook=SERVER.unpacked)
 
 
-@contextlib.contextmanager
 def serving(port, answer, **options):
     """Serves at a port; yields the address.
 
     `answer` makes a message, or a list of messages, of the number of a request and its message.
     """
+    return serving_connections(port, lambda: answer, **options)
+
+
+@contextlib.contextmanager
+def serving_connections(port, make_answer, **options):
+    """Serves as `serving`, by what `make_answer` makes for each connection."""
     connections = []
 
     def handle(connection):
         connections.append(connection)
         connection.send(pack({"name": "test"}))
+        answer = make_answer()
         with contextlib.suppress(ConnectionClosed):
             for number, message in enumerate(connection):
                 answers = answer(number, message)
@@ -314,3 +322,35 @@ def test_a_server_with_openpis_own_encoding_is_understood(port):
 
     with serving(port, answer) as address:
         np.testing.assert_array_equal(build(address)(START), np.ones(SIZE))
+
+
+def answer_of_chunks():
+    return lambda number, message: pack({"actions": np.array(chunk(joints_of(message)))})
+
+
+def answer_of_recurrent():
+    """Answers by a hidden state of the connection, which is that of an episode."""
+    policy = Recurrent()
+    return lambda number, message: pack({"actions": policy(joints_of(message))})
+
+
+def joints_of(message):
+    return unpack(message)["joint_positions"].astype(np.float64)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("make_answer", "policy"),
+    [(answer_of_chunks, Chunks), (answer_of_recurrent, Recurrent)],
+    ids=["chunks", "recurrent"],
+)
+def test_episodes_of_a_server_are_the_same_in_1_4_and_16_environments(make_answer, policy, port, folder, run):
+    options = ["--domain_name=open_cabinet", f"--num_episodes={EPISODES}", f"--max_episode_steps={LIMIT}"]
+    with serving_connections(port, make_answer) as address:
+        for count in (1, 4, 16):
+            assert_as_alone(kitchen_suite.play(SPEC, address, range(EPISODES), num_envs=count), policy)
+            arguments = [*options, f"--policy={address}", f"--num_envs={count}"]
+            assert run(evaluate, *arguments, f"--json={count}.json", f"--receipt={count}.npz")[0] == 0
+    for count in (4, 16):
+        assert (folder / f"{count}.json").read_bytes() == (folder / "1.json").read_bytes()
+        assert (folder / f"{count}.npz").read_bytes() == (folder / "1.npz").read_bytes()
