@@ -5,6 +5,7 @@ import kitchen_suite.rendering.without_gl  # noqa: F401
 # isort: split
 import contextlib
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -17,8 +18,9 @@ from kitchen_suite.episodes.recording import SPEC_FILE, Recording
 from kitchen_suite.episodes.replay import reset_options
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.evaluation.evaluation import Evaluation
-from kitchen_suite.evaluation.paired import PairedVerdicts, holm, mean_difference
-from kitchen_suite.evaluation.scores import EpisodeResult, Interval
+from kitchen_suite.evaluation.paired import PairedVerdicts
+from kitchen_suite.evaluation.paired_scores import Pair, PairedScore, adjusted, paired_scores, paired_task_rates
+from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.observations import OF_OBSERVATIONS
 from kitchen_suite.policies import PolicyRef
@@ -30,18 +32,11 @@ Source = str | Path | Evaluation | Recording
 Recorded = Callable[[SuiteTask, EpisodeResult], tuple[dict[str, Any] | None, NDArray]]
 """Returns the options of the reset of an episode of a task, and its actions `(T, k)`."""
 
-Pair = tuple[EpisodeResult, EpisodeResult]
-"""The results of two policies in the same episode."""
-
 # Probability of calling one of two equal policies better.
 _LEVEL = 0.05
 
 # Policies that can be compared at once: a pair of them has a row of its own.
 _MAX_POLICIES = 100
-
-# Decimals of differences and rates, as of all scores, and significant digits of p-values.
-_DECIMALS = 6
-_DIGITS = 6
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -91,10 +86,27 @@ class PairedComparison:
         """The pairs of all conditions."""
         return [pair for each in self.pairs.values() for pair in each]
 
+    @functools.cached_property
+    def scores(self) -> dict[str, PairedScore]:
+        """The scores of all episodes by name, `success` first."""
+        return paired_scores(self.all_pairs)
+
+    @functools.cached_property
+    def task_rates(self) -> dict[str, PairedScore]:
+        """How often each task was completed where it was asked."""
+        return paired_task_rates(self.all_pairs)
+
+    @functools.cached_property
+    def scores_by_condition(self) -> dict[str, dict[str, PairedScore]]:
+        """The scores of each condition; empty where there is one."""
+        return {name: paired_scores(each) for name, each in self.pairs.items()} if len(self.pairs) > 1 else {}
+
     @property
     def success(self) -> PairedVerdicts:
-        """The successes of all episodes."""
-        return _verdicts(self.all_pairs, lambda result: result.success)
+        """In how many episodes one policy alone succeeded."""
+        verdicts = self.scores["success"].verdicts
+        assert verdicts
+        return verdicts
 
     @property
     def wins(self) -> int:
@@ -122,30 +134,28 @@ class PairedComparison:
         return [(one, other) for one, other in self.all_pairs if one.success != other.success]
 
     @property
-    def scores(self) -> dict[str, dict[str, Any]]:
-        """The paired scores of all episodes by name, `success` first."""
-        return _scores(self.all_pairs)
-
-    @property
-    def task_rates(self) -> dict[str, dict[str, Any]]:
-        """How often each task was completed where it was asked, with p-values adjusted for the number of tasks."""
-        by_task: dict[str, list[Pair]] = {}
-        for one, other in self.all_pairs:
-            for name in one.asked or {}:
-                by_task.setdefault(name, []).append((one, other))
-        rates = {name: _verdicts(by_task[name], _completed(name)) for name in sorted(by_task)}
-        adjusted = holm([rate.p_value for rate in rates.values()])
+    def circumstances(self) -> dict[str, Any]:
+        """What both policies were compared on, as JSON represents it."""
+        first = self.first
+        seeds = [result.seed for each in first.results.values() for result in each]
+        varied = {spec.variations for spec in first.specs.values()}
         return {
-            name: {**_verdict_row(by_task[name], _completed(name)), "p_value_holm": _significant(p_value)}
-            for name, p_value in zip(rates, adjusted, strict=True)
+            "protocol": first.protocol,
+            "domain_name": first.first.domain_name,
+            "variations": varied.pop() if len(varied) == 1 else "variations by condition",
+            "episodes": len(self.all_pairs),
+            "seed": min(seeds),
+            "versions": dict(first.first.versions),
         }
 
     @property
     def conclusion(self) -> str:
         """A sentence on which policy succeeds more often, if the episodes show that."""
-        low, high = (f"{100.0 * abs(bound):.1f}" for bound in self.success.interval)
+        interval = self.scores["success"].interval
+        assert interval
+        low, high = (f"{100.0 * abs(bound):.1f}" for bound in interval)
         if self.p_value >= _LEVEL:
-            least, greatest = (f"{100.0 * bound:+.1f}" for bound in self.success.interval)
+            least, greatest = (f"{100.0 * bound:+.1f}" for bound in interval)
             return f"no difference is shown: {least} to {greatest} percentage points are compatible with these episodes"
         if self.wins > self.losses:
             return f"{self.first.name} succeeds more often, by {low} to {high} percentage points"
@@ -153,12 +163,12 @@ class PairedComparison:
 
     def as_json(self) -> dict[str, Any]:
         """Returns all results as JSON represents them; those of success and tasks also at the top level."""
-        scores = self.scores
+        scores = {name: score.as_json() for name, score in self.scores.items()}
         success = scores["success"]
         row = {
             "a": _policy(self.first),
             "b": _policy(self.second),
-            **_circumstances(self),
+            **self.circumstances,
             **{name: success[name] for name in ("wins", "losses", "ties", "p_value")},
             **{f"{name}_difference": score["difference"] for name, score in scores.items()},
             "intervals": {f"{name}_difference": score["interval"] for name, score in scores.items()},
@@ -166,9 +176,15 @@ class PairedComparison:
             "scores": scores,
         }
         if tasks := self.task_rates:
-            row["task_rates"] = tasks
-        if len(self.pairs) > 1:
-            row["conditions"] = {name: _scores(each) for name, each in self.pairs.items()}
+            p_values = adjusted([*tasks.values()])
+            row["task_rates"] = {
+                name: {**rate.as_json(), "p_value_holm": p_value}
+                for (name, rate), p_value in zip(tasks.items(), p_values, strict=True)
+            }
+        if conditions := self.scores_by_condition:
+            row["conditions"] = {
+                name: {score: each.as_json() for score, each in scores.items()} for name, scores in conditions.items()
+            }
         row["differing"] = [
             {"condition": one.condition, "seed": one.seed, "succeeded": "a" if one.success else "b"}
             for one, _ in self.differing
@@ -210,14 +226,14 @@ def compare_all(sources: Sequence[Source]) -> list[PairedComparison]:
 
 def adjusted_p_values(comparisons: Sequence[PairedComparison]) -> list[float]:
     """Returns the p-values of several comparisons, adjusted by Holm's method."""
-    return [_significant(value) for value in holm([comparison.p_value for comparison in comparisons])]
+    return adjusted([comparison.scores["success"] for comparison in comparisons])
 
 
 def all_as_json(comparisons: Sequence[PairedComparison]) -> dict[str, Any]:
     """Returns the comparisons of more than two policies as JSON represents them."""
     rows = zip(comparisons, adjusted_p_values(comparisons), strict=True)
     return {
-        **_circumstances(comparisons[0]),
+        **comparisons[0].circumstances,
         "comparisons": [{**comparison.as_json(), "p_value_holm": p_value} for comparison, p_value in rows],
     }
 
@@ -364,91 +380,3 @@ def _paired(first: Side, second: Side, condition: str) -> list[Pair]:
 
 def _policy(played: Side) -> dict[str, Any]:
     return {"name": played.name, "policy": PolicyRef.parse(played.policy).without_file}
-
-
-def _circumstances(comparison: PairedComparison) -> dict[str, Any]:
-    first = comparison.first
-    seeds = [result.seed for each in first.results.values() for result in each]
-    varied = {spec.variations for spec in first.specs.values()}
-    return {
-        "protocol": first.protocol,
-        "domain_name": first.first.domain_name,
-        "variations": varied.pop() if len(varied) == 1 else "variations by condition",
-        "episodes": len(comparison.all_pairs),
-        "seed": min(seeds),
-        "versions": dict(first.first.versions),
-    }
-
-
-def _scores(pairs: Sequence[Pair]) -> dict[str, dict[str, Any]]:
-    """Returns the paired scores of some episodes by name: of verdicts, and of means."""
-    rows = {"success": _verdict_row(pairs, lambda result: result.success)}
-    example, partner = pairs[0]
-    if example.asked is None:
-        rows["mean_progress"] = _mean_row(pairs, lambda result: result.progress)
-    else:
-        most = max(len(one.asked or {}) for one, _ in pairs)
-        rows["mean_tasks"] = _mean_row(pairs, _tasks, greatest=float(most))
-    # One of the two may measure more, such as its quality.
-    common = {name: value for name, value in example.measures.items() if name in partner.measures}
-    for name, value in common.items():
-        of = _verdict_row if isinstance(value, bool) else _mean_row
-        rows[name] = of(pairs, _measure(name))
-    return rows
-
-
-def _tasks(result: EpisodeResult) -> int:
-    return sum(step is not None for step in (result.asked or {}).values())
-
-
-def _measure(name: str) -> Callable[[EpisodeResult], float]:
-    return lambda result: result.measures[name]
-
-
-def _completed(task: str) -> Callable[[EpisodeResult], bool]:
-    return lambda result: (result.asked or {})[task] is not None
-
-
-def _verdicts(pairs: Sequence[Pair], verdict: Callable[[EpisodeResult], float]) -> PairedVerdicts:
-    return PairedVerdicts.of([verdict(one) for one, _ in pairs], [verdict(other) for _, other in pairs])
-
-
-def _verdict_row(pairs: Sequence[Pair], verdict: Callable[[EpisodeResult], float]) -> dict[str, Any]:
-    counted = _verdicts(pairs, verdict)
-    return {
-        "episodes": counted.count,
-        "a": _rounded(sum(bool(verdict(one)) for one, _ in pairs) / counted.count),
-        "b": _rounded(sum(bool(verdict(other)) for _, other in pairs) / counted.count),
-        "difference": _rounded(counted.difference),
-        "interval": _rounded_interval(counted.interval),
-        "wins": counted.wins,
-        "losses": counted.losses,
-        "ties": counted.ties,
-        "p_value": _significant(counted.p_value),
-    }
-
-
-def _mean_row(
-    pairs: Sequence[Pair], value: Callable[[EpisodeResult], float], greatest: float = float("inf")
-) -> dict[str, Any]:
-    difference, interval = mean_difference([value(one) - value(other) for one, other in pairs], greatest=greatest)
-    return {
-        "episodes": len(pairs),
-        "a": _rounded(sum(value(one) for one, _ in pairs) / len(pairs)),
-        "b": _rounded(sum(value(other) for _, other in pairs) / len(pairs)),
-        "difference": _rounded(difference),
-        "interval": _rounded_interval(interval),
-    }
-
-
-def _rounded(value: float) -> float:
-    # Adding 0 makes a negative zero positive.
-    return round(float(value), _DECIMALS) + 0.0
-
-
-def _rounded_interval(interval: Interval) -> list[float] | None:
-    return None if interval is None else [_rounded(bound) for bound in interval]
-
-
-def _significant(p_value: float) -> float:
-    return float(f"{p_value:.{_DIGITS}g}")

@@ -9,8 +9,9 @@ from kitchen_suite.episodes.replay import Verdict
 from kitchen_suite.episodes.report import WIDTH, counted, paragraph, table
 from kitchen_suite.evaluation import quality
 from kitchen_suite.evaluation.check import Check, ReplayedResult
-from kitchen_suite.evaluation.compare import PairedComparison, all_as_json
+from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values
 from kitchen_suite.evaluation.evaluation import Evaluation
+from kitchen_suite.evaluation.paired_scores import RATE, PairedScore, adjusted, rounded
 from kitchen_suite.evaluation.plan import EvaluationPlan
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.observations import OF_PICTURES
@@ -246,35 +247,32 @@ def format_comparison(comparison: PairedComparison, table_format: str = "text") 
 
     `table_format` is one of `report.TABLE_FORMATS`.
     """
-    record = comparison.as_json()
-    one, other = record["a"]["name"], record["b"]["name"]
+    names = comparison.first.name, comparison.second.name
     parts = [
-        paragraph(_compared_heading(record, [comparison]), table_format),
-        _score_table(record["scores"], one, other, table_format),
-        paragraph(_outcome(record, one, other), table_format),
+        paragraph(_compared_heading(comparison.circumstances, [comparison]), table_format),
+        _score_table(comparison.scores, names, table_format),
+        paragraph(_outcome(comparison), table_format),
     ]
-    if "conditions" in record:
-        success = {name: scores["success"] for name, scores in record["conditions"].items()}
-        parts.append(_verdict_table("success by condition", success, one, other, "p_value", table_format))
-    if "task_rates" in record:
-        parts.append(
-            _verdict_table("completed, by task", record["task_rates"], one, other, "p_value_holm", table_format)
-        )
+    if conditions := comparison.scores_by_condition:
+        success = {name: scores["success"] for name, scores in conditions.items()}
+        own = [each.p_value for each in success.values()]
+        parts.append(_verdict_table("success by condition", names, success, "p", own, table_format))
+    if tasks := comparison.task_rates:
+        by_holm = adjusted([*tasks.values()])
+        parts.append(_verdict_table("completed, by task", names, tasks, "p (Holm)", by_holm, table_format))
     return "\n\n".join(parts)
 
 
 def format_comparisons(comparisons: Sequence[PairedComparison], table_format: str = "text") -> str:
     """Returns what several policies are compared on, and a table of all pairs."""
-    record = all_as_json(comparisons)
     rows = []
-    for each in record["comparisons"]:
-        success = each["scores"]["success"]
-        names = f"{each['a']['name']} - {each['b']['name']}"
-        rows.append((names, *_verdict_cells(success), p_text(success["p_value"]), p_text(each["p_value_holm"])))
+    for each, p_value in zip(comparisons, adjusted_p_values(comparisons), strict=True):
+        success = each.scores["success"]
+        rows.append((_both_names(each), *_verdict_cells(success), p_text(success.p_value), p_text(p_value)))
     header = ("success", "first", "second", "difference", _INTERVAL, "wins", "losses", "p", "p (Holm)")
-    means = _mean_rows(record["comparisons"])
+    means = _mean_rows(comparisons)
     parts = [
-        paragraph(_compared_heading(record, comparisons), table_format),
+        paragraph(_compared_heading(comparisons[0].circumstances, comparisons), table_format),
         table(header, rows, table_format),
         *(table((name, *header[1:5]), lines, table_format) for name, lines in means.items()),
         paragraph(_explained(len(rows)), table_format),
@@ -282,8 +280,10 @@ def format_comparisons(comparisons: Sequence[PairedComparison], table_format: st
     return "\n\n".join(parts)
 
 
-def p_text(p_value: float) -> str:
-    """Returns a p-value as tables show it."""
+def p_text(p_value: float | None) -> str:
+    """Returns a p-value as tables show it; empty where there is none."""
+    if p_value is None:
+        return ""
     return f"{p_value:.2g}" if p_value < 0.01 else f"{p_value:.2f}"
 
 
@@ -301,12 +301,13 @@ def _compared_heading(record: Mapping[str, Any], comparisons: Sequence[PairedCom
     return "\n".join(lines)
 
 
-def _outcome(record: Mapping[str, Any], one: str, other: str) -> str:
+def _outcome(comparison: PairedComparison) -> str:
+    one, other = comparison.first.name, comparison.second.name
     counts = (
-        f"{counted(record['wins'])} that {one} alone succeeds in, {record['losses']} that {other} alone succeeds in, "
-        f"{record['ties']} alike; exact McNemar p = {p_text(record['p_value'])}"
+        f"{counted(comparison.wins)} that {one} alone succeeds in, {comparison.losses} that {other} alone succeeds in, "
+        f"{comparison.ties} alike; exact McNemar p = {p_text(comparison.p_value)}"
     )
-    return "\n".join(textwrap.fill(line, WIDTH) for line in (counts, record["conclusion"]))
+    return "\n".join(textwrap.fill(line, WIDTH) for line in (counts, comparison.conclusion))
 
 
 def _explained(pairs: int) -> str:
@@ -314,49 +315,69 @@ def _explained(pairs: int) -> str:
     return textwrap.fill(text, WIDTH)
 
 
-def _score_table(scores: Mapping[str, Mapping[str, Any]], one: str, other: str, table_format: str) -> str:
-    rows = []
-    for name, row in scores.items():
-        p_value = p_text(row["p_value"]) if "p_value" in row else ""
-        rows.append((label(name), *_cells(name, row), p_value))
-    return table(("score", one, other, "difference", _INTERVAL, "p"), rows, table_format)
+def _both_names(comparison: PairedComparison) -> str:
+    return f"{comparison.first.name} - {comparison.second.name}"
+
+
+def _score_table(scores: Mapping[str, PairedScore], names: tuple[str, str], table_format: str) -> str:
+    rows = [(label(name), *_cells(score), p_text(score.p_value)) for name, score in scores.items()]
+    return table(("score", *names, "difference", _INTERVAL, "p"), rows, table_format)
 
 
 def _verdict_table(
-    title: str, rates: Mapping[str, Mapping[str, Any]], one: str, other: str, p_value: str, table_format: str
+    title: str,
+    names: tuple[str, str],
+    rates: Mapping[str, PairedScore],
+    p_name: str,
+    p_values: Sequence[float | None],
+    table_format: str,
 ) -> str:
-    rows = [(name, str(row["episodes"]), *_verdict_cells(row), p_text(row[p_value])) for name, row in rates.items()]
-    p_name = "p (Holm)" if p_value == "p_value_holm" else "p"
-    header = (title, "episodes", one, other, "difference", _INTERVAL, "wins", "losses", p_name)
+    rows = [
+        (name, str(rate.episodes), *_verdict_cells(rate), p_text(p_value))
+        for (name, rate), p_value in zip(rates.items(), p_values, strict=True)
+    ]
+    header = (title, "episodes", *names, "difference", _INTERVAL, "wins", "losses", p_name)
     return table(header, rows, table_format)
 
 
-def _verdict_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    return (*_cells("success", row), str(row["wins"]), str(row["losses"]))
+def _verdict_cells(score: PairedScore) -> tuple[str, ...]:
+    assert score.verdicts
+    return (*_cells(score), str(score.verdicts.wins), str(score.verdicts.losses))
 
 
-def _mean_rows(comparisons: Sequence[Mapping[str, Any]]) -> dict[str, list[tuple[str, ...]]]:
+def _mean_rows(comparisons: Sequence[PairedComparison]) -> dict[str, list[tuple[str, ...]]]:
     """Returns the rows of all pairs by the label of each mean."""
     rows: dict[str, list[tuple[str, ...]]] = {}
     for each in comparisons:
-        for name, row in each["scores"].items():
-            if "wins" not in row:
-                names = f"{each['a']['name']} - {each['b']['name']}"
-                rows.setdefault(label(name), []).append((names, *_cells(name, row)))
+        for name, score in each.scores.items():
+            if score.verdicts is None:
+                rows.setdefault(label(name), []).append((_both_names(each), *_cells(score)))
     return rows
 
 
-def _cells(name: str, row: Mapping[str, Any]) -> tuple[str, ...]:
+def _cells(score: PairedScore) -> tuple[str, ...]:
     """Returns the scores of both policies, their difference, and its interval."""
     interval = "none"
-    if row["interval"] is not None:
-        low, high = (_signed(name, bound) for bound in row["interval"])
+    if score.interval is not None:
+        low, high = (_signed(bound, score.unit) for bound in score.interval)
         interval = f"{low} to {high}"
-    return value_text(name, row["a"]), value_text(name, row["b"]), _signed(name, row["difference"]), interval
+    return (
+        _in_unit(score.a, score.unit),
+        _in_unit(score.b, score.unit),
+        _signed(score.difference, score.unit),
+        interval,
+    )
 
 
-def _signed(name: str, difference: float) -> str:
-    return f"{'+' if difference > 0.0 else ''}{value_text(name, difference)}"
+def _in_unit(value: float, unit: str) -> str:
+    """Returns a number in its unit, as tables show it."""
+    if unit == RATE:
+        return f"{100 * rounded(value):.1f} %"
+    return f"{rounded(value):.4g} {unit}".rstrip()
+
+
+def _signed(value: float, unit: str) -> str:
+    return f"{'+' if rounded(value) > 0.0 else ''}{_in_unit(value, unit)}"
 
 
 def format_check_heading(evaluation: Evaluation, dataset: object = None, published: object = None) -> str:

@@ -17,6 +17,7 @@ from kitchen_suite.commands import evaluate as evaluate_command
 from kitchen_suite.evaluation import side_by_side
 from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, all_as_json, compare_all
 from kitchen_suite.evaluation.evaluation import Evaluation
+from kitchen_suite.evaluation.paired_scores import PairedScore
 from kitchen_suite.evaluation.plan import Replaced, make_plan
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.evaluation.text import format_comparison, format_comparisons
@@ -106,6 +107,14 @@ def test_the_json_of_nearly_equal_differences_has_no_nan():
     assert comparison.as_json()["intervals"]["effort_difference"] is None
     assert "NaN" not in json.dumps(comparison.as_json())
     assert "effort" in format_comparison(comparison)
+
+
+def test_a_score_is_shown_in_its_own_unit():
+    comparison = kitchen_suite.compare(evaluated(), evaluated(policy="random"))
+    seconds = PairedScore.of_means(comparison.all_pairs, lambda result: 0.08 * result.control_steps, unit="s")
+    comparison.scores["duration"] = seconds
+    assert re.search(r"^duration +8 s +8 s +0 s ", format_comparison(comparison), flags=re.MULTILINE)
+    assert comparison.as_json()["duration_difference"] == 0.0
 
 
 def test_swapping_the_policies_mirrors_the_json():
