@@ -9,7 +9,7 @@ import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from numpy.typing import NDArray
 
@@ -19,7 +19,15 @@ from kitchen_suite.episodes.replay import reset_options
 from kitchen_suite.episodes.spec import EpisodeSpec
 from kitchen_suite.evaluation.evaluation import Evaluation
 from kitchen_suite.evaluation.paired import PairedVerdicts
-from kitchen_suite.evaluation.paired_scores import Pair, PairedScore, adjusted, paired_scores, paired_task_rates
+from kitchen_suite.evaluation.paired_scores import (
+    Pair,
+    PairedScore,
+    adjusted,
+    conclusion,
+    paired_scores,
+    paired_task_rates,
+)
+from kitchen_suite.evaluation.protocols import EPISODE
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.observations import OF_OBSERVATIONS
@@ -31,9 +39,6 @@ Source = str | Path | Evaluation | Recording
 
 Recorded = Callable[[SuiteTask, EpisodeResult], tuple[dict[str, Any] | None, NDArray]]
 """Returns the options of the reset of an episode of a task, and its actions `(T, k)`."""
-
-# Probability of calling one of two equal policies better.
-_LEVEL = 0.05
 
 # Policies that can be compared at once: a pair of them has a row of its own.
 _MAX_POLICIES = 100
@@ -47,6 +52,7 @@ class Side:
       name: of the policy, for readers.
       policy: the policy's own name.
       protocol: under which it was evaluated; None for a recording.
+      unit: what counts as one observation, see `EvaluationPlan.unit`.
       specs: specification of the episodes of each condition.
       results: results of the episodes of each condition, in order.
       recorded: by which episodes can be played again; None where the actions were not kept.
@@ -56,6 +62,7 @@ class Side:
     name: str
     policy: str
     protocol: str | None
+    unit: str
     specs: Mapping[str, EpisodeSpec]
     results: Mapping[str, Sequence[EpisodeResult]]
     recorded: Recorded | None
@@ -86,15 +93,25 @@ class PairedComparison:
         """The pairs of all conditions."""
         return [pair for each in self.pairs.values() for pair in each]
 
+    @property
+    def unit(self) -> str:
+        """What counts as one observation: an episode, or a condition where these are a sample, such as a kitchen."""
+        return self.first.unit
+
+    @property
+    def is_sample(self) -> bool:
+        """Whether conditions are the unit."""
+        return self.unit != EPISODE
+
     @functools.cached_property
     def scores(self) -> dict[str, PairedScore]:
         """The scores of all episodes by name, `success` first."""
-        return paired_scores(self.all_pairs)
+        return paired_scores(self.all_pairs, by_condition=self.is_sample)
 
     @functools.cached_property
     def task_rates(self) -> dict[str, PairedScore]:
         """How often each task was completed where it was asked."""
-        return paired_task_rates(self.all_pairs)
+        return paired_task_rates(self.all_pairs, by_condition=self.is_sample)
 
     @functools.cached_property
     def scores_by_condition(self) -> dict[str, dict[str, PairedScore]]:
@@ -125,8 +142,16 @@ class PairedComparison:
 
     @property
     def p_value(self) -> float:
-        """The exact p-value of McNemar's test that both succeed equally often."""
-        return self.success.p_value
+        """The exact p-value that both succeed equally often: of McNemar's test, or by permutation of a sample."""
+        p_value = self.scores["success"].p_value
+        assert p_value is not None
+        return p_value
+
+    @property
+    def leading(self) -> PairedVerdicts:
+        """In how many conditions one policy succeeds more often."""
+        balances = [sum(int(one.success) - other.success for one, other in each) for each in self.pairs.values()]
+        return PairedVerdicts.of([balance > 0 for balance in balances], [balance < 0 for balance in balances])
 
     @property
     def differing(self) -> list[Pair]:
@@ -144,22 +169,23 @@ class PairedComparison:
             "domain_name": first.first.domain_name,
             "variations": varied.pop() if len(varied) == 1 else "variations by condition",
             "episodes": len(self.all_pairs),
+            **({"unit": self.unit, "clusters": len(self.pairs)} if self.is_sample else {}),
             "seed": min(seeds),
             "versions": dict(first.first.versions),
         }
 
     @property
+    def better(self) -> Literal["a", "b"] | None:
+        """The policy that is shown to succeed more often, `a` or `b`; None where neither is.
+
+        It is shown if p is below 0.05 and the interval of the difference excludes 0.
+        """
+        return self.scores["success"].greater
+
+    @property
     def conclusion(self) -> str:
         """A sentence on which policy succeeds more often, if the episodes show that."""
-        interval = self.scores["success"].interval
-        assert interval
-        low, high = (f"{100.0 * abs(bound):.1f}" for bound in interval)
-        if self.p_value >= _LEVEL:
-            least, greatest = (f"{100.0 * bound:+.1f}" for bound in interval)
-            return f"no difference is shown: {least} to {greatest} percentage points are compatible with these episodes"
-        if self.wins > self.losses:
-            return f"{self.first.name} succeeds more often, by {low} to {high} percentage points"
-        return f"{self.second.name} succeeds more often, by {high} to {low} percentage points"
+        return conclusion(self.scores["success"], self.first.name, self.second.name, self.unit)
 
     def as_json(self) -> dict[str, Any]:
         """Returns all results as JSON represents them; those of success and tasks also at the top level."""
@@ -257,6 +283,7 @@ def _evaluated(evaluation: Evaluation) -> Side:
         name=evaluation.name,
         policy=plan.first.policy,
         protocol=plan.protocol,
+        unit=plan.unit,
         specs=plan.specs,
         results=evaluation.results,
         recorded=recorded if evaluation.traces else None,
@@ -292,6 +319,7 @@ def _recorded(recording: Recording) -> Side:
         name=recording.folder.resolve().name,
         policy=spec.policy,
         protocol=None,
+        unit=EPISODE,
         specs={name: spec},
         results={name: results},
         recorded=recorded,

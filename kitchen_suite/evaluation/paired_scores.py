@@ -1,11 +1,21 @@
 """Scores of two policies that played the same episodes, a row each, with what the text and the JSON show of it."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
-from kitchen_suite.evaluation.paired import PairedVerdicts, holm, mean_difference
+import numpy as np
+
+from kitchen_suite.evaluation.paired import (
+    PairedVerdicts,
+    cluster_difference,
+    cluster_totals,
+    holm,
+    mean_difference,
+    permutation_p_value,
+)
 from kitchen_suite.evaluation.scores import EpisodeResult, Interval
 
 Pair = tuple[EpisodeResult, EpisodeResult]
@@ -17,6 +27,9 @@ RATE = "%"
 # Decimals of differences and rates, as of all scores, and significant digits of p-values.
 _DECIMALS = 6
 _DIGITS = 6
+
+# Probability of calling one of two equal policies better.
+_LEVEL = 0.05
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -44,19 +57,30 @@ class PairedScore:
     verdicts: PairedVerdicts | None = None
 
     @classmethod
-    def of_verdicts(cls, pairs: Sequence[Pair], verdict: Callable[[EpisodeResult], float]) -> "PairedScore":
-        """Returns how often each policy reached what a function of the result is true for."""
+    def of_verdicts(
+        cls, pairs: Sequence[Pair], verdict: Callable[[EpisodeResult], float], *, by_condition: bool = False
+    ) -> "PairedScore":
+        """Returns how often each policy reached what a function of the result is true for.
+
+        With `by_condition` conditions are a sample, such as kitchens, and are resampled, in place of episodes.
+        """
         first = [bool(verdict(one)) for one, _ in pairs]
         second = [bool(verdict(other)) for _, other in pairs]
         counted = PairedVerdicts.of(first, second)
+        interval: Interval = counted.interval
+        p_value = counted.p_value
+        if by_condition:
+            differences = np.subtract(first, second, dtype=np.float64)
+            _, interval = cluster_difference(differences, _conditions(pairs), greatest=1.0)
+            p_value = permutation_p_value(cluster_totals(differences, _conditions(pairs))[0])
         return cls(
             episodes=len(pairs),
             a=sum(first) / len(pairs),
             b=sum(second) / len(pairs),
             difference=counted.difference,
-            interval=counted.interval,
+            interval=interval,
             unit=RATE,
-            p_value=counted.p_value,
+            p_value=p_value,
             verdicts=counted,
         )
 
@@ -68,9 +92,14 @@ class PairedScore:
         *,
         greatest: float = math.inf,
         unit: str = "",
+        by_condition: bool = False,
     ) -> "PairedScore":
         """Returns the means of a function of the result, whose differences are at most `greatest`."""
-        difference, interval = mean_difference([value(one) - value(other) for one, other in pairs], greatest=greatest)
+        differences = [value(one) - value(other) for one, other in pairs]
+        if by_condition:
+            difference, interval = cluster_difference(differences, _conditions(pairs), greatest=greatest)
+        else:
+            difference, interval = mean_difference(differences, greatest=greatest)
         return cls(
             episodes=len(pairs),
             a=sum(value(one) for one, _ in pairs) / len(pairs),
@@ -79,6 +108,11 @@ class PairedScore:
             interval=interval,
             unit=unit,
         )
+
+    @property
+    def greater(self) -> Literal["a", "b"] | None:
+        """The policy whose score is shown to be greater: p is below 0.05, and the interval excludes 0; else None."""
+        return greater(self.difference, self.interval, self.p_value)
 
     def as_json(self) -> dict[str, Any]:
         """Returns the score as JSON represents it."""
@@ -96,35 +130,67 @@ class PairedScore:
         return row
 
 
-def paired_scores(pairs: Sequence[Pair]) -> dict[str, PairedScore]:
-    """Returns the scores of some episodes by name, `success` first."""
-    rows = {"success": PairedScore.of_verdicts(pairs, lambda result: result.success)}
+def paired_scores(pairs: Sequence[Pair], *, by_condition: bool = False) -> dict[str, PairedScore]:
+    """Returns the scores of some episodes by name, `success` first; see `PairedScore.of_verdicts`."""
+    of_verdicts = functools.partial(PairedScore.of_verdicts, pairs, by_condition=by_condition)
+    of_means = functools.partial(PairedScore.of_means, pairs, by_condition=by_condition)
+    rows = {"success": of_verdicts(lambda result: result.success)}
     example, partner = pairs[0]
     if example.asked is None:
-        rows["mean_progress"] = PairedScore.of_means(pairs, lambda result: result.progress)
+        rows["mean_progress"] = of_means(lambda result: result.progress)
     else:
         most = max(len(one.asked or {}) for one, _ in pairs)
-        rows["mean_tasks"] = PairedScore.of_means(pairs, _tasks, greatest=float(most))
+        rows["mean_tasks"] = of_means(_tasks, greatest=float(most))
     # One of the two may measure more, such as its quality.
     common = {name: value for name, value in example.measures.items() if name in partner.measures}
     for name, value in common.items():
-        of = PairedScore.of_verdicts if isinstance(value, bool) else PairedScore.of_means
-        rows[name] = of(pairs, _measure(name))
+        rows[name] = of_verdicts(_measure(name)) if isinstance(value, bool) else of_means(_measure(name))
     return rows
 
 
-def paired_task_rates(pairs: Sequence[Pair]) -> dict[str, PairedScore]:
+def paired_task_rates(pairs: Sequence[Pair], *, by_condition: bool = False) -> dict[str, PairedScore]:
     """Returns how often each task was completed where it was asked."""
     by_task: dict[str, list[Pair]] = {}
     for one, other in pairs:
         for name in one.asked or {}:
             by_task.setdefault(name, []).append((one, other))
-    return {name: PairedScore.of_verdicts(by_task[name], _completed(name)) for name in sorted(by_task)}
+    return {
+        name: PairedScore.of_verdicts(by_task[name], _completed(name), by_condition=by_condition)
+        for name in sorted(by_task)
+    }
 
 
 def adjusted(scores: Sequence[PairedScore]) -> list[float]:
     """Returns the p-values of scores that have some, adjusted by Holm's method for being several."""
     return [significant(value) for value in holm([score.p_value for score in scores if score.p_value is not None])]
+
+
+def greater(difference: float, interval: Interval, p_value: float | None) -> Literal["a", "b"] | None:
+    """Returns the side whose score is shown to be greater, by p and by the interval; None where neither is."""
+    if p_value is None or p_value >= _LEVEL or interval is None or interval[0] <= 0.0 <= interval[1]:
+        return None
+    return "a" if difference > 0.0 else "b"
+
+
+def conclusion(score: PairedScore, first: str, second: str, unit: str) -> str:
+    """Returns a sentence on which of two named policies succeeds more often, if the episodes show that.
+
+    Exact p-values and intervals may disagree where little decides: then no difference is shown.
+    """
+    assert score.interval is not None
+    assert score.p_value is not None
+    low, high = (100.0 * bound for bound in score.interval)
+    if score.greater == "a":
+        return f"{first} succeeds more often, by {low:.1f} to {high:.1f} percentage points"
+    if score.greater == "b":
+        return f"{second} succeeds more often, by {-high:.1f} to {-low:.1f} percentage points"
+    found = f"{low:+.1f} to {high:+.1f} percentage points"
+    if score.p_value < _LEVEL:
+        return f"no difference is shown: p is below {_LEVEL}, but the interval, {found}, contains 0"
+    if low <= 0.0 <= high:
+        return f"no difference is shown: {found} are compatible with these {unit}s"
+    few = f"the interval, {found}, is approximate where few {unit}s differ"
+    return f"no difference is shown: p decides, which is exact, and {few}"
 
 
 def rounded(value: float) -> float:
@@ -141,6 +207,10 @@ def rounded_interval(interval: Interval) -> list[float] | None:
 def significant(p_value: float) -> float:
     """Returns a p-value with the digits of all p-values."""
     return float(f"{p_value:.{_DIGITS}g}")
+
+
+def _conditions(pairs: Sequence[Pair]) -> list[str]:
+    return [one.condition for one, _ in pairs]
 
 
 def _tasks(result: EpisodeResult) -> int:

@@ -253,7 +253,9 @@ def format_comparison(comparison: PairedComparison, table_format: str = "text") 
         _score_table(comparison.scores, names, table_format),
         paragraph(_outcome(comparison), table_format),
     ]
-    if conditions := comparison.scores_by_condition:
+    # A row for each condition of a sample would be long, and each has few episodes.
+    conditions = {} if comparison.is_sample else comparison.scores_by_condition
+    if conditions:
         success = {name: scores["success"] for name, scores in conditions.items()}
         own = [each.p_value for each in success.values()]
         parts.append(_verdict_table("success by condition", names, success, "p", own, table_format))
@@ -290,8 +292,10 @@ def p_text(p_value: float | None) -> str:
 def _compared_heading(record: Mapping[str, Any], comparisons: Sequence[PairedComparison]) -> str:
     """Returns what is compared on which episodes, a line for each policy, and what nobody has checked."""
     what = f"protocol {record['protocol']}" if record["protocol"] else "recordings"
-    count = counted(record["episodes"])
-    lines = [f"{record['domain_name']}, {what}, {record['variations']}: {count} in pairs, seeds from {record['seed']}"]
+    count = f"{counted(record['episodes'])} in pairs"
+    if "unit" in record:
+        count = f"{count}, of {record['clusters']} {record['unit']}s, which are the unit"
+    lines = [f"{record['domain_name']}, {what}, {record['variations']}: {count}, seeds from {record['seed']}"]
     sides = {side.name: side for each in comparisons for side in (each.first, each.second)}
     for name, side in sides.items():
         policy = PolicyRef.parse(side.policy).without_file
@@ -303,11 +307,21 @@ def _compared_heading(record: Mapping[str, Any], comparisons: Sequence[PairedCom
 
 def _outcome(comparison: PairedComparison) -> str:
     one, other = comparison.first.name, comparison.second.name
+    p_value = p_text(comparison.p_value)
     counts = (
         f"{counted(comparison.wins)} that {one} alone succeeds in, {comparison.losses} that {other} alone succeeds in, "
-        f"{comparison.ties} alike; exact McNemar p = {p_text(comparison.p_value)}"
+        f"{comparison.ties} alike"
     )
-    return "\n".join(textwrap.fill(line, WIDTH) for line in (counts, comparison.conclusion))
+    if comparison.is_sample:
+        lead = comparison.leading
+        of_sample = (
+            f"{lead.wins} {comparison.unit}s in which {one} succeeds more often, {lead.losses} in which {other} does, "
+            f"{lead.ties} alike; exact p by permutation of {comparison.unit}s = {p_value}"
+        )
+        lines = [counts, of_sample, comparison.conclusion]
+    else:
+        lines = [f"{counts}; exact McNemar p = {p_value}", comparison.conclusion]
+    return "\n".join(textwrap.fill(line, WIDTH) for line in lines)
 
 
 def _explained(pairs: int) -> str:

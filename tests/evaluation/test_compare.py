@@ -17,8 +17,8 @@ from kitchen_suite.commands import evaluate as evaluate_command
 from kitchen_suite.evaluation import side_by_side
 from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, all_as_json, compare_all
 from kitchen_suite.evaluation.evaluation import Evaluation
-from kitchen_suite.evaluation.paired_scores import PairedScore
-from kitchen_suite.evaluation.plan import Replaced, make_plan
+from kitchen_suite.evaluation.paired_scores import PairedScore, conclusion
+from kitchen_suite.evaluation.plan import Replaced, make_plan, make_unprepared_plan
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.evaluation.text import format_comparison, format_comparisons
 from kitchen_suite.policies import PolicyRef
@@ -225,6 +225,82 @@ def test_several_policies_are_compared_in_all_pairs_with_holm():
 def test_one_policy_alone_is_refused(sources):
     with refused(ValueError, "number of policies", "at least 2"):
         compare_all([evaluated() for _ in sources])
+
+
+def kitchens(completed, policy="zero"):
+    """Evaluation of generated kitchens, without playing: the successes of the four episodes of the first ones."""
+    plan = make_unprepared_plan(PolicyRef.parse(policy), "unseen-kitchens", Replaced(domain_name="kitchens"))
+    results = {name: [] for name in plan.specs}
+    for place, name in enumerate(plan.specs):
+        for index in range(plan.num_episodes):
+            success = place < len(completed) and index < completed[place]
+            results[name].append(
+                EpisodeResult(
+                    condition=name,
+                    episode=index,
+                    seed=plan.first.seed + index,
+                    success=success,
+                    progress=float(success),
+                    control_steps=100,
+                    asked={"door": 10 if success else None},
+                )
+            )
+    return Evaluation(plan=plan, results=results)
+
+
+def test_kitchens_are_the_unit_where_they_are_a_sample():
+    comparison = kitchen_suite.compare(kitchens([4, 4, 4]), kitchens([]))
+    record = comparison.as_json()
+    assert (record["unit"], record["clusters"], record["episodes"]) == ("kitchen", 100, 400)
+    assert (comparison.wins, record["success_difference"]) == (12, 0.03)
+    # By episodes 12 wins of 12, p = 0.0005; of three kitchens all outcomes but two are as extreme.
+    assert comparison.p_value == record["scores"]["success"]["p_value"] == record["p_value"] == 2 / 2**3
+    assert record["task_rates"]["door"]["p_value"] == 0.25
+    assert comparison.better is None
+    assert record["conclusion"].startswith("no difference is shown")
+    text = format_comparison(comparison)
+    assert "400 episodes in pairs, of 100 kitchens, which are the unit" in text
+    assert "3 kitchens in which zero succeeds more often, 0 in which zero" in re.sub(r" \(\d\)", "", text)
+    assert "kitchen 99" not in text
+    assert "100 kitchens" in format_comparisons(compare_all([kitchens([4]), kitchens([]), kitchens([2])]))
+
+
+def test_kitchens_show_a_difference_where_many_of_them_differ():
+    comparison = kitchen_suite.compare(kitchens([]), kitchens([3] * 20))
+    low, high = comparison.scores["success"].interval
+    assert (comparison.better, comparison.p_value < 1e-5, low < -0.15 < high < 0.0) == ("b", True, True)
+    assert "succeeds more often" in comparison.conclusion
+
+
+def test_episodes_are_the_unit_elsewhere():
+    comparison = kitchen_suite.compare(evaluated(), evaluated())
+    assert (comparison.unit, comparison.is_sample) == ("episode", False)
+    assert not {"unit", "clusters"} & comparison.as_json().keys()
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.1, 0.2), (0.1, 0.4), (0.0, 0.3), (-0.4, -0.1)])
+@pytest.mark.parametrize("p_value", [0.01, 0.05, 0.125])
+def test_a_conclusion_never_contradicts_itself(low, high, p_value):
+    difference = (low + high) / 2
+    score = PairedScore(episodes=4, a=0.5, b=0.5 - difference, difference=difference, interval=(low, high))
+    score = dataclasses.replace(score, p_value=p_value)
+    is_shown = p_value < 0.05 and not low <= 0.0 <= high
+    assert (score.greater is not None) == is_shown
+    text = conclusion(score, "first", "second", "kitchen")
+    assert text.startswith(("first succeeds", "second succeeds") if is_shown else "no difference is shown: ")
+    assert ("compatible" in text) == (p_value >= 0.05 and low <= 0.0 <= high)
+    if is_shown:
+        assert "by 10.0 to 40.0 percentage points" in text
+        assert text.startswith("first" if difference > 0 else "second")
+
+
+def test_four_wins_of_four_show_no_difference():
+    comparison = kitchen_suite.compare(evaluated((TASKS,) * 4, num_episodes=4), evaluated(((),) * 4, num_episodes=4))
+    low, _ = comparison.scores["success"].interval
+    assert (low > 0.0, comparison.p_value) == (True, 0.125)
+    assert comparison.better is None
+    assert "p decides, which is exact" in comparison.conclusion
+    assert "is approximate where few episodes differ" in comparison.conclusion
 
 
 def numbers_in(value):
