@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from absl.flags import FlagValues
+from absl.flags import DEFINE_list, FlagValues
 
 from kitchen_suite.commands import flags, watching
 from kitchen_suite.commands.command import Command
@@ -19,12 +19,13 @@ DESCRIPTION = """Compares policies that were evaluated on the same episodes, pai
   kitchen-compare expert.npz trained.npz --video=both.mp4      also films episodes in which one alone succeeds
   kitchen-compare expert.npz trained.npz --json=both.json      also writes the results as JSON
   kitchen-compare a.npz b.npz c.npz --format=latex             all pairs of several policies, as a LaTeX table
+  kitchen-compare usual.npz varied.npz --across=variations     what does it cost one policy that starts vary?
 
 Each is a receipt of kitchen-evaluate, its JSON with --episodes, or a folder of kitchen-record. A difference is the
 first policy's score less the second's; intervals are of 95 %. Protocol, seeds, environments, physics and versions must
-be the same. docs/guide/comparison.md explains the results. Exit status: 0; 1 if a file cannot be read or written, or
-was altered; 2 for a bad argument, or episodes that cannot be paired, with one line on stderr that names what differs;
-130 if interrupted.
+be the same, but for the arguments that --across names. docs/guide/comparison.md explains the results. Exit status: 0; 1
+if a file cannot be read or written, or was altered; 2 for a bad argument, or episodes that cannot be paired, with one
+line on stderr that names what differs; 130 if interrupted.
 """
 
 _EPISODES = 3  # In a video, by default.
@@ -35,6 +36,8 @@ def define(values: FlagValues) -> None:
     """Defines the flags."""
     flags.file(values, "json", "File to write the results to as JSON; it may be replaced.")
     flags.table_format(values)
+    across = "Arguments of the environments, comma separated, by which the evaluations differ, and which are compared."
+    DEFINE_list("across", [], across, flag_values=values)
     flags.video(values, width=_WIDTH, num_episodes=_EPISODES)
     flags.page(values)
 
@@ -53,7 +56,7 @@ def run(given: FlagValues, *sources: str) -> None:
     is_watched = bool(given.video or given.web)
     if is_watched and len(sources) > 2:
         raise ValueError(f"a video or a page shows two policies, not {len(sources)}")
-    comparisons = compare_all(sources)
+    comparisons = compare_all(sources, across=given.across)
     if is_watched:
         _check_watching(given, comparisons[0])
     if len(sources) == 2:

@@ -10,17 +10,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from kitchen_suite import checks
-from kitchen_suite.evaluation.paired import PairedVerdicts
+from kitchen_suite.evaluation.paired import PairedVerdicts, holm
 from kitchen_suite.evaluation.paired_scores import (
     Pair,
     PairedScore,
-    adjusted,
     conclusion,
     paired_scores,
     paired_task_rates,
+    significant,
 )
 from kitchen_suite.evaluation.protocols import EPISODE
-from kitchen_suite.evaluation.sides import Side, Source, check_pairs, sides_of
+from kitchen_suite.evaluation.sides import Side, Source, check_across, check_pairs, sides_of
 from kitchen_suite.policies import PolicyRef
 
 # Policies that can be compared at once: a pair of them has a row of its own.
@@ -35,11 +35,13 @@ class PairedComparison:
       first: the policy whose wins are counted.
       second: the other policy.
       pairs: the results of both in each episode, by condition.
+      across: names of the arguments of the environments by which the episodes of both differ.
     """
 
     first: Side
     second: Side
     pairs: Mapping[str, list[Pair]]
+    across: Sequence[str] = ()
 
     @property
     def all_pairs(self) -> list[Pair]:
@@ -63,7 +65,7 @@ class PairedComparison:
 
     @functools.cached_property
     def task_rates(self) -> dict[str, PairedScore]:
-        """How often each task was completed where it was asked."""
+        """How often each task was completed where it was asked, with p-values adjusted for the number of tasks."""
         return paired_task_rates(self.all_pairs, by_condition=self.is_sample)
 
     @functools.cached_property
@@ -114,18 +116,7 @@ class PairedComparison:
     @property
     def circumstances(self) -> dict[str, Any]:
         """What both policies were compared on, as JSON represents it."""
-        first = self.first
-        seeds = [result.seed for each in first.results.values() for result in each]
-        varied = {spec.variations for spec in first.specs.values()}
-        return {
-            "protocol": first.protocol,
-            "domain_name": first.first.domain_name,
-            "variations": varied.pop() if len(varied) == 1 else "variations by condition",
-            "episodes": len(self.all_pairs),
-            **({"unit": self.unit, "clusters": len(self.pairs)} if self.is_sample else {}),
-            "seed": min(seeds),
-            "versions": dict(first.first.versions),
-        }
+        return circumstances([self])
 
     @property
     def better(self) -> Literal["a", "b"] | None:
@@ -145,8 +136,8 @@ class PairedComparison:
         scores = {name: score.as_json() for name, score in self.scores.items()}
         success = scores["success"]
         row = {
-            "a": _policy(self.first),
-            "b": _policy(self.second),
+            "a": self._policy(self.first),
+            "b": self._policy(self.second),
             **self.circumstances,
             **{name: success[name] for name in ("wins", "losses", "ties", "p_value")},
             **{f"{name}_difference": score["difference"] for name, score in scores.items()},
@@ -155,11 +146,7 @@ class PairedComparison:
             "scores": scores,
         }
         if tasks := self.task_rates:
-            p_values = adjusted([*tasks.values()])
-            row["task_rates"] = {
-                name: {**rate.as_json(), "p_value_holm": p_value}
-                for (name, rate), p_value in zip(tasks.items(), p_values, strict=True)
-            }
+            row["task_rates"] = {name: rate.as_json() for name, rate in tasks.items()}
         if conditions := self.scores_by_condition:
             row["conditions"] = {
                 name: {score: each.as_json() for score, each in scores.items()} for name, scores in conditions.items()
@@ -170,49 +157,84 @@ class PairedComparison:
         ]
         return row
 
+    def _policy(self, side: Side) -> dict[str, Any]:
+        arguments = {"arguments": side.arguments(self.across)} if self.across else {}
+        return {"name": side.name, "policy": PolicyRef.parse(side.policy).without_file, **arguments}
 
-def compare(a: Source, b: Source) -> PairedComparison:
+
+def compare(a: Source, b: Source, *, across: str | Sequence[str] = ()) -> PairedComparison:
     """Compares two policies on the same episodes.
 
     Args:
       a: the policy whose wins are counted: an `Evaluation`, a `Recording`, or the path of one, which is a receipt, the
         JSON of an evaluation with its episodes, or the folder of a recording.
       b: the other policy.
+      across: names of arguments of the environments, such as `variations`, that may differ and must: episodes of the
+        same seed are pairs, and their difference is what the arguments change. None by default.
 
     Returns the comparison, in which a difference is the first policy's score less the second's.
 
     Raises:
       AlteredError: a file does not agree with itself.
       OSError: a file or folder cannot be read.
-      ValueError: the episodes cannot be paired; the message names all that differs.
+      ValueError: the episodes cannot be paired; the message names all that differs. Or nothing differs in `across`.
     """
-    (comparison,) = compare_all([a, b])
+    (comparison,) = compare_all([a, b], across=across)
     return comparison
 
 
-def compare_all(sources: Sequence[Source]) -> list[PairedComparison]:
+def compare_all(sources: Sequence[Source], *, across: str | Sequence[str] = ()) -> list[PairedComparison]:
     """Compares each policy with each later one; arguments and exceptions are as in `compare`."""
     checks.integer(len(sources), "the number of policies", minimum=2, maximum=_MAX_POLICIES)
     played = sides_of(sources)
+    names = [*dict.fromkeys([across] if isinstance(across, str) else across)]
+    check_across(played, names)
     # Before any statistics.
-    for other in played[1:]:
-        check_pairs(played[0], other)
+    differing = {name for other in played[1:] for name in check_pairs(played[0], other, names)}
+    for name in names:
+        if name not in differing:
+            problem = f"nothing is compared across {name!r}, which differs in no pair of episodes"
+            raise ValueError(f"{problem}: it is {checks.shown(played[0].arguments([name])[name])}")
     return [
-        PairedComparison(first=first, second=second, pairs={name: _paired(first, second, name) for name in first.specs})
+        PairedComparison(
+            first=first,
+            second=second,
+            pairs={name: _paired(first, second, name) for name in first.specs},
+            across=names,
+        )
         for first, second in itertools.combinations(played, 2)
     ]
 
 
+def circumstances(comparisons: Sequence[PairedComparison]) -> dict[str, Any]:
+    """Returns what the policies of comparisons were compared on, as JSON represents it."""
+    example = comparisons[0]
+    side = example.first
+    sides = [each for comparison in comparisons for each in (comparison.first, comparison.second)]
+    varied = [*dict.fromkeys(spec.variations for each in sides for spec in each.specs.values())]
+    is_by_condition = len({spec.variations for spec in side.specs.values()}) > 1
+    return {
+        "protocol": side.protocol,
+        "domain_name": side.first.domain_name,
+        "variations": "variations by condition" if is_by_condition else " and ".join(varied),
+        **({"across": [*example.across]} if example.across else {}),
+        "episodes": len(example.all_pairs),
+        **({"unit": example.unit, "clusters": len(example.pairs)} if example.is_sample else {}),
+        "seed": min(result.seed for each in side.results.values() for result in each),
+        "versions": dict(side.first.versions),
+    }
+
+
 def adjusted_p_values(comparisons: Sequence[PairedComparison]) -> list[float]:
     """Returns the p-values of several comparisons, adjusted by Holm's method."""
-    return adjusted([comparison.scores["success"] for comparison in comparisons])
+    return [significant(value) for value in holm([comparison.p_value for comparison in comparisons])]
 
 
 def all_as_json(comparisons: Sequence[PairedComparison]) -> dict[str, Any]:
     """Returns the comparisons of more than two policies as JSON represents them."""
     rows = zip(comparisons, adjusted_p_values(comparisons), strict=True)
     return {
-        **comparisons[0].circumstances,
+        **circumstances(comparisons),
         "comparisons": [{**comparison.as_json(), "p_value_holm": p_value} for comparison, p_value in rows],
     }
 
@@ -220,7 +242,3 @@ def all_as_json(comparisons: Sequence[PairedComparison]) -> dict[str, Any]:
 def _paired(first: Side, second: Side, condition: str) -> list[Pair]:
     by_seed = {result.seed: result for result in second.results[condition]}
     return [(result, by_seed[result.seed]) for result in first.results[condition]]
-
-
-def _policy(played: Side) -> dict[str, Any]:
-    return {"name": played.name, "policy": PolicyRef.parse(played.policy).without_file}

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -44,6 +44,7 @@ class PairedScore:
       interval: the 95 % interval of the difference.
       unit: `RATE`, or the unit of the numbers as text shows it; empty for none.
       p_value: probability of such a difference, or a larger one, between equal policies; None where it is not computed.
+      p_value_holm: the p-value adjusted by Holm's method, where it is one of several; else None.
       verdicts: in how many episodes one policy alone reached it; None for means.
     """
 
@@ -54,6 +55,7 @@ class PairedScore:
     interval: Interval
     unit: str = ""
     p_value: float | None = None
+    p_value_holm: float | None = None
     verdicts: PairedVerdicts | None = None
 
     @classmethod
@@ -127,6 +129,8 @@ class PairedScore:
             row |= dataclasses.asdict(self.verdicts)
         if self.p_value is not None:
             row["p_value"] = significant(self.p_value)
+        if self.p_value_holm is not None:
+            row["p_value_holm"] = significant(self.p_value_holm)
         return row
 
 
@@ -149,20 +153,39 @@ def paired_scores(pairs: Sequence[Pair], *, by_condition: bool = False) -> dict[
 
 
 def paired_task_rates(pairs: Sequence[Pair], *, by_condition: bool = False) -> dict[str, PairedScore]:
-    """Returns how often each task was completed where it was asked."""
+    """Returns how often each task was completed where it was asked, with p-values adjusted for their number."""
     by_task: dict[str, list[Pair]] = {}
     for one, other in pairs:
         for name in one.asked or {}:
             by_task.setdefault(name, []).append((one, other))
-    return {
+    rates = {
         name: PairedScore.of_verdicts(by_task[name], _completed(name), by_condition=by_condition)
         for name in sorted(by_task)
     }
+    return adjusted(rates)
 
 
-def adjusted(scores: Sequence[PairedScore]) -> list[float]:
-    """Returns the p-values of scores that have some, adjusted by Holm's method for being several."""
-    return [significant(value) for value in holm([score.p_value for score in scores if score.p_value is not None])]
+def paired_conditions(
+    results: Mapping[str, Sequence[EpisodeResult]], control: str
+) -> dict[str, dict[str, PairedScore]]:
+    """Returns the scores of the other conditions less those of the control arm, in episodes of the same seed.
+
+    They are by condition, `a` is the condition, `b` the control arm, and p-values are adjusted for their number.
+    """
+    rows = {
+        name: paired_scores([*zip(each, results[control], strict=True)])
+        for name, each in results.items()
+        if name != control
+    }
+    success = adjusted({name: scores["success"] for name, scores in rows.items()})
+    return {name: {**scores, "success": success[name]} for name, scores in rows.items()}
+
+
+def adjusted(scores: Mapping[str, PairedScore]) -> dict[str, PairedScore]:
+    """Returns scores with their p-values adjusted for being several."""
+    p_values = holm([score.p_value for score in scores.values() if score.p_value is not None])
+    pairs = zip(scores.items(), p_values, strict=True)
+    return {name: dataclasses.replace(score, p_value_holm=p_value) for (name, score), p_value in pairs}
 
 
 def greater(difference: float, interval: Interval, p_value: float | None) -> Literal["a", "b"] | None:

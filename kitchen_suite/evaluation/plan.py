@@ -126,6 +126,12 @@ class EvaluationPlan:
         """What counts as one observation, such as an episode: see `Protocol.unit`."""
         return PROTOCOLS[self.protocol].unit if self.is_sample else EPISODE
 
+    @property
+    def control(self) -> str | None:
+        """The control arm, the condition with which others are compared in pairs; None where there is none."""
+        has_control = PROTOCOLS[self.protocol].has_control and len(self.specs) > 1
+        return next(iter(self.specs)) if has_control else None
+
     def scores(self, results: Sequence[EpisodeResult]) -> dict[str, Any]:
         """Returns the scores of the episodes of a condition, see `score_episodes`."""
         return score_episodes(results, self.score, self.first.max_episode_steps)

@@ -84,6 +84,7 @@ class Protocol:
       sampled: its scores, as means over all conditions, where these are a sample of many more, as kitchens are; empty
         where each condition has scores of its own.
       unit: what counts as one observation: an episode, or what each of the sampled conditions is, such as a kitchen.
+      has_control: whether the first condition is the control arm, with which the others are compared in pairs.
       differences: what is not as in the source, in a sentence; empty if nothing is known to be.
     """
 
@@ -98,6 +99,7 @@ class Protocol:
     overall: Callable[[Mapping[str, Mapping[str, Any]]], dict[str, float]] = lambda scores: {}
     sampled: tuple[str, ...] = ()
     unit: str = EPISODE
+    has_control: bool = False
     differences: str = ""
 
 
@@ -309,6 +311,7 @@ _PROTOCOLS = (
         conditions=_SHIFTS,
         num_episodes=100,
         domain_name=None,
+        has_control=True,
     ),
     Protocol(
         name="unseen-kitchens",

@@ -5,13 +5,13 @@ import kitchen_suite.rendering.without_gl  # noqa: F401
 # isort: split
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from kitchen_suite import checks
+from kitchen_suite import checks, suite
 from kitchen_suite.episodes.recording import SPEC_FILE, Recording
 from kitchen_suite.episodes.replay import reset_options
 from kitchen_suite.episodes.spec import EpisodeSpec
@@ -27,6 +27,9 @@ Source = str | Path | Evaluation | Recording
 
 Recorded = Callable[[SuiteTask, EpisodeResult], tuple[dict[str, Any] | None, NDArray]]
 """Returns the options of the reset of an episode of a task, and its actions `(T, k)`."""
+
+# The argument of the environments that is no argument of their task.
+_LENGTH = "max_episode_steps"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -57,6 +60,10 @@ class Side:
     def first(self) -> EpisodeSpec:
         """Specification of the first condition."""
         return next(iter(self.specs.values()))
+
+    def arguments(self, names: Sequence[str]) -> dict[str, Any]:
+        """Returns the values of some arguments of the environments, as JSON represents them; None for a default."""
+        return {name: self.first.max_episode_steps if name == _LENGTH else self.first.argument(name) for name in names}
 
 
 def sides_of(sources: Sequence[Source]) -> list[Side]:
@@ -127,34 +134,62 @@ def _recorded(recording: Recording) -> Side:
     )
 
 
-def check_pairs(first: Side, second: Side) -> None:
+def check_pairs(first: Side, second: Side, across: Collection[str] = ()) -> set[str]:
     """Raises a ValueError that names all that differs, unless each episode has a partner of the same circumstances.
 
     What policies observe may differ, and the kind of processor: neither changes where an episode starts. So may whether
-    quality is measured, which changes no number of an episode.
+    quality is measured, which changes no number of an episode, and the arguments `across`; returns which do.
     """
-    if differing := [*dict.fromkeys(_differences(first, second))]:
-        raise ValueError(f"{first.name} and {second.name} cannot be compared: {'; '.join(differing)}")
+    found = [*dict.fromkeys(_differences(first, second))]
+    if others := [each for each in found if each.argument not in across]:
+        problem = f"{first.name} and {second.name} cannot be compared: {'; '.join(each.text for each in others)}"
+        if all(each.argument for each in others):
+            names = ",".join(dict.fromkeys(each.argument for each in found))
+            problem = f"{problem}. If that is to be compared, pair the same seeds across it: --across={names}"
+        raise ValueError(problem)
+    return {each.argument for each in found}
 
 
-def _differences(first: Side, second: Side) -> Iterator[str]:
+def check_across(sides: Sequence[Side], across: Sequence[str]) -> None:
+    """Raises a ValueError unless the names are those of arguments of the environments, by which episodes may differ."""
+    spec = sides[0].first
+    arguments = suite.find_domain(spec.domain_name).arguments(spec.env_class)
+    for name in across:
+        checks.choice(name, {*arguments, _LENGTH}, "argument across which policies are compared,")
+
+
+class Difference(NamedTuple):
+    """What keeps two sides from being pairs.
+
+    Attributes:
+      text: what differs, for a message.
+      argument: name of the argument of the environments that differs; empty for anything else.
+    """
+
+    text: str
+    argument: str = ""
+
+
+def _differences(first: Side, second: Side) -> Iterator[Difference]:
     if first.protocol != second.protocol:
         one, other = (each.protocol or "a recording, without a protocol" for each in (first, second))
-        yield f"protocol {one}, and {other}"
+        yield Difference(f"protocol {one}, and {other}")
     if first.first.domain_name != second.first.domain_name:
-        yield f"domain_name {first.first.domain_name!r}, and {second.first.domain_name!r}"
+        yield Difference(f"domain_name {first.first.domain_name!r}, and {second.first.domain_name!r}")
         return
     if [*first.specs] != [*second.specs]:
-        yield f"conditions {checks.shown([*first.specs])}, and {checks.shown([*second.specs])}"
+        yield Difference(f"conditions {checks.shown([*first.specs])}, and {checks.shown([*second.specs])}")
         return
     for name, spec in first.specs.items():
         mine = _determinants(spec, second.specs[name])
         its = _determinants(second.specs[name], spec)
+        arguments = {_LENGTH, *spec.task_kwargs, *second.specs[name].task_kwargs}
         for what in mine:
             if mine[what] != its[what]:
-                yield f"{what} {checks.shown(mine[what])}, and {checks.shown(its[what])}"
+                text = f"{what} {checks.shown(mine[what])}, and {checks.shown(its[what])}"
+                yield Difference(text, what if what in arguments else "")
     for name in first.specs:
-        yield from _different_episodes(first, second, name)
+        yield from map(Difference, _different_episodes(first, second, name))
 
 
 def _determinants(spec: EpisodeSpec, other: EpisodeSpec) -> dict[str, Any]:
@@ -164,7 +199,7 @@ def _determinants(spec: EpisodeSpec, other: EpisodeSpec) -> dict[str, Any]:
     versions = {**dict.fromkeys(other.versions), **spec.versions}
     return {
         "task_name": spec.task_name,
-        "max_episode_steps": spec.max_episode_steps,
+        _LENGTH: spec.max_episode_steps,
         "seeding": spec.seeding,
         **{name: spec.argument(name) for name in sorted(arguments)},
         **{f"version of {name}": versions[name] for name in sorted(versions)},

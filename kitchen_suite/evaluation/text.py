@@ -9,13 +9,14 @@ from kitchen_suite.episodes.replay import Verdict
 from kitchen_suite.episodes.report import WIDTH, counted, paragraph, table
 from kitchen_suite.evaluation import quality
 from kitchen_suite.evaluation.check import Check, ReplayedResult
-from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values
+from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, circumstances
 from kitchen_suite.evaluation.evaluation import Evaluation
-from kitchen_suite.evaluation.paired_scores import RATE, PairedScore, adjusted, rounded
+from kitchen_suite.evaluation.paired_scores import RATE, PairedScore, rounded
 from kitchen_suite.evaluation.plan import EvaluationPlan
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.gymnasium_env.observations import OF_PICTURES
 from kitchen_suite.policies import PolicyRef
+from kitchen_suite.tasks.variations.distributions import NONE
 from kitchen_suite.versions import machine
 
 # Beginnings of the names of scores that are means in a unit of their own; all others are rates.
@@ -184,6 +185,20 @@ def format_overall(overall: Mapping[str, float], table_format: str = "text") -> 
     return table(("over all conditions", ""), rows, table_format)
 
 
+def format_shifts(shifts: Mapping[str, Mapping[str, PairedScore]], control: str, table_format: str = "text") -> str:
+    """Returns a table for each score of what conditions change, in pairs with episodes of the control arm."""
+    tables = []
+    for name, example in next(iter(shifts.values())).items():
+        header = [f"{label(name)}, less that of {control!r} in pairs", "difference", _INTERVAL]
+        rows = [[condition, *_cells(scores[name])[2:]] for condition, scores in shifts.items()]
+        if example.p_value_holm is not None:
+            header.append("p (Holm)")
+            for row, scores in zip(rows, shifts.values(), strict=True):
+                row.append(p_text(scores[name].p_value_holm))
+        tables.append(table(header, rows, table_format))
+    return "\n\n".join(tables)
+
+
 def format_sample(
     scores: Mapping[str, Any], results: Mapping[str, Sequence[EpisodeResult]], table_format: str = "text"
 ) -> str:
@@ -225,6 +240,8 @@ def format_totals(evaluation: Evaluation, table_format: str = "text") -> str:
         parts = [format_sample(evaluation.scores, evaluation.results, table_format)]
     else:
         parts = [format_summary(evaluation.scores_by_condition, table_format)]
+    if shifts := evaluation.shifts:
+        parts.append(format_shifts(shifts, str(evaluation.plan.control), table_format))
     if overall := evaluation.overall:
         parts.append(format_overall(overall, table_format))
     return "\n\n".join(parts)
@@ -249,19 +266,16 @@ def format_comparison(comparison: PairedComparison, table_format: str = "text") 
     """
     names = comparison.first.name, comparison.second.name
     parts = [
-        paragraph(_compared_heading(comparison.circumstances, [comparison]), table_format),
+        paragraph(_compared_heading([comparison]), table_format),
         _score_table(comparison.scores, names, table_format),
         paragraph(_outcome(comparison), table_format),
     ]
     # A row for each condition of a sample would be long, and each has few episodes.
-    conditions = {} if comparison.is_sample else comparison.scores_by_condition
-    if conditions:
-        success = {name: scores["success"] for name, scores in conditions.items()}
-        own = [each.p_value for each in success.values()]
-        parts.append(_verdict_table("success by condition", names, success, "p", own, table_format))
+    if len(comparison.pairs) > 1 and not comparison.is_sample:
+        success = {name: scores["success"] for name, scores in comparison.scores_by_condition.items()}
+        parts.append(_verdict_table("success by condition", success, names, table_format))
     if tasks := comparison.task_rates:
-        by_holm = adjusted([*tasks.values()])
-        parts.append(_verdict_table("completed, by task", names, tasks, "p (Holm)", by_holm, table_format))
+        parts.append(_verdict_table("completed, by task", tasks, names, table_format))
     return "\n\n".join(parts)
 
 
@@ -274,7 +288,7 @@ def format_comparisons(comparisons: Sequence[PairedComparison], table_format: st
     header = ("success", "first", "second", "difference", _INTERVAL, "wins", "losses", "p", "p (Holm)")
     means = _mean_rows(comparisons)
     parts = [
-        paragraph(_compared_heading(comparisons[0].circumstances, comparisons), table_format),
+        paragraph(_compared_heading(comparisons), table_format),
         table(header, rows, table_format),
         *(table((name, *header[1:5]), lines, table_format) for name, lines in means.items()),
         paragraph(_explained(len(rows)), table_format),
@@ -289,20 +303,31 @@ def p_text(p_value: float | None) -> str:
     return f"{p_value:.2g}" if p_value < 0.01 else f"{p_value:.2f}"
 
 
-def _compared_heading(record: Mapping[str, Any], comparisons: Sequence[PairedComparison]) -> str:
+def _compared_heading(comparisons: Sequence[PairedComparison]) -> str:
     """Returns what is compared on which episodes, a line for each policy, and what nobody has checked."""
+    record = circumstances(comparisons)
     what = f"protocol {record['protocol']}" if record["protocol"] else "recordings"
     count = f"{counted(record['episodes'])} in pairs"
     if "unit" in record:
         count = f"{count}, of {record['clusters']} {record['unit']}s, which are the unit"
     lines = [f"{record['domain_name']}, {what}, {record['variations']}: {count}, seeds from {record['seed']}"]
+    across = comparisons[0].across
+    if across:
+        lines.append(f"compared across {', '.join(across)}: pairs have the same seed, and differ in this")
     sides = {side.name: side for each in comparisons for side in (each.first, each.second)}
     for name, side in sides.items():
         policy = PolicyRef.parse(side.policy).without_file
-        lines.append(name if name == policy else f"{name}: policy {policy}")
+        own = [] if name == policy else [f"policy {policy}"]
+        own += [f"{argument} {_value(argument, value)}" for argument, value in side.arguments(across).items()]
+        lines.append(f"{name}: {', '.join(own)}" if own else name)
     if read := [name for name, side in sides.items() if side.is_read]:
         lines.append(f"not replayed, as kitchen-replay does: {', '.join(read)}")
     return "\n".join(lines)
+
+
+def _value(argument: str, value: Any) -> str:
+    """Returns the value of an argument of the environments as text."""
+    return _text(value or NONE) if argument == "variations" else _text(value)
 
 
 def _outcome(comparison: PairedComparison) -> str:
@@ -338,19 +363,13 @@ def _score_table(scores: Mapping[str, PairedScore], names: tuple[str, str], tabl
     return table(("score", *names, "difference", _INTERVAL, "p"), rows, table_format)
 
 
-def _verdict_table(
-    title: str,
-    names: tuple[str, str],
-    rates: Mapping[str, PairedScore],
-    p_name: str,
-    p_values: Sequence[float | None],
-    table_format: str,
-) -> str:
+def _verdict_table(title: str, rates: Mapping[str, PairedScore], names: tuple[str, str], table_format: str) -> str:
+    is_adjusted = any(rate.p_value_holm is not None for rate in rates.values())
     rows = [
-        (name, str(rate.episodes), *_verdict_cells(rate), p_text(p_value))
-        for (name, rate), p_value in zip(rates.items(), p_values, strict=True)
+        (name, str(rate.episodes), *_verdict_cells(rate), p_text(rate.p_value_holm if is_adjusted else rate.p_value))
+        for name, rate in rates.items()
     ]
-    header = (title, "episodes", *names, "difference", _INTERVAL, "wins", "losses", p_name)
+    header = (title, "episodes", *names, "difference", _INTERVAL, "wins", "losses", "p (Holm)" if is_adjusted else "p")
     return table(header, rows, table_format)
 
 

@@ -20,7 +20,7 @@ from kitchen_suite.evaluation.evaluation import Evaluation
 from kitchen_suite.evaluation.paired_scores import PairedScore, conclusion
 from kitchen_suite.evaluation.plan import Replaced, make_plan, make_unprepared_plan
 from kitchen_suite.evaluation.scores import EpisodeResult
-from kitchen_suite.evaluation.text import format_comparison, format_comparisons
+from kitchen_suite.evaluation.text import format_comparison, format_comparisons, format_totals
 from kitchen_suite.policies import PolicyRef
 
 EPISODES = 6
@@ -152,6 +152,96 @@ def test_what_cannot_be_paired_is_refused_with_what_differs(name):
     arguments, shown = REFUSALS[name]
     with refused(ValueError, "cannot be compared", *shown):
         kitchen_suite.compare(evaluated(), evaluated(**arguments))
+
+
+HELD_OUT = (("variation_split", "held_out"),)
+WITHOUT = (("variations", "none"),)
+
+
+def test_what_an_argument_changes_is_compared_across_it():
+    one = evaluated((TASKS,) * EPISODES)
+    other = evaluated(((),) * 3 + (TASKS,) * 3, task_kwargs=WITHOUT)
+    with refused(ValueError, "variations ['start'], and None", "--across=variations"):
+        kitchen_suite.compare(one, other)
+    comparison = kitchen_suite.compare(one, other, across=("variations",))
+    assert (comparison.wins, comparison.losses, comparison.ties) == (3, 0, 3)
+    record = comparison.as_json()
+    assert record["across"] == ["variations"]
+    assert record["a"]["arguments"] == {"variations": ["start"]}
+    assert record["b"]["arguments"] == {"variations": None}
+    assert record["variations"] == "variations start (seen) and variations none"
+    heading = format_comparison(comparison).partition("\n\n")[0]
+    assert "compared across variations" in heading
+    assert "zero (2): policy zero, variations 'none'" in heading
+    assert kitchen_suite.compare(one, other, across="variations").as_json() == record
+
+
+def test_several_arguments_are_crossed_and_only_those():
+    arguments = {"task_kwargs": (*HELD_OUT, ("physics", "fast")), "max_episode_steps": 99}
+    one, other = evaluated(), evaluated(**arguments)
+    names = ("physics", "variation_split", "max_episode_steps")
+    assert kitchen_suite.compare(one, other, across=names).as_json()["b"]["arguments"] == {
+        "physics": "fast",
+        "variation_split": "held_out",
+        "max_episode_steps": 99,
+    }
+    with refused(ValueError, "variation_split 'seen', and 'held_out'", "--across=max_episode_steps,physics,variation"):
+        kitchen_suite.compare(one, other, across=("physics", "max_episode_steps"))
+    three = compare_all([one, one, other], across=names)
+    assert [each.as_json()["b"]["arguments"]["physics"] for each in three] == ["exact", "fast", "fast"]
+    assert "compared across physics, variation_split, max_episode_steps" in format_comparisons(three)
+
+
+@pytest.mark.parametrize(
+    ("across", "shown"),
+    [
+        ("variation", ("'variation' does not exist", "did you mean 'variations'")),
+        ("task_name", ("'task_name' does not exist",)),
+        ("physics", ("nothing is compared across 'physics'", "it is 'exact'")),
+        ("obs_type", ("nothing is compared across 'obs_type'",)),
+    ],
+)
+def test_names_that_do_not_differ_or_exist_are_refused(across, shown):
+    with refused(ValueError, *shown):
+        kitchen_suite.compare(evaluated(), evaluated(task_kwargs=HELD_OUT), across=("variation_split", across))
+
+
+@pytest.mark.parametrize("arguments", [{"seed": 7}, {"num_episodes": 5}, {"protocol": "strict"}])
+def test_other_seeds_and_protocols_are_no_pairs_across_anything(arguments):
+    other = evaluated(**{"task_kwargs": HELD_OUT, **arguments})
+    with refused(ValueError, "cannot be compared") as caught:
+        kitchen_suite.compare(evaluated(), other, across=("variation_split",))
+    assert "--across" not in str(caught.value)
+
+
+def test_the_command_compares_across_variations(run, receipts, folder):
+    plain = str(receipts / "zero.npz")
+    assert run(evaluate_command, *SMALL, "--policy=zero", "--variations=none", "--receipt=usual.npz")[0] == 0
+    status, _, err = run(compare_command, plain, "usual.npz")
+    assert (status, "--across=variations" in err) == (2, True)
+    status, out, err = run(compare_command, plain, "usual.npz", "--across=variations", "--json=both.json")
+    assert (status, err) == (0, "")
+    assert "compared across variations" in out
+    assert json.loads((folder / "both.json").read_text("utf-8"))["across"] == ["variations"]
+
+
+def test_conditions_of_shift_are_compared_with_the_control_arm():
+    evaluation = evaluated((TASKS,) * EPISODES, protocol="shift")
+    failed = [dataclasses.replace(each, success=False) for each in evaluation.results["layout seen"][:5]]
+    layout = [*failed, evaluation.results["layout seen"][5]]
+    evaluation = dataclasses.replace(evaluation, results={**evaluation.results, "layout seen": layout})
+    shifts = evaluation.shifts
+    assert [*shifts] == [name for name in evaluation.results if name != "none"]
+    score = shifts["layout seen"]["success"]
+    assert (score.a, score.b, score.difference) == (pytest.approx(1 / 6), 1.0, pytest.approx(-5 / 6))
+    assert score.p_value == 2 / 2**5
+    assert score.p_value_holm == pytest.approx(min(1.0, len(shifts) * score.p_value))
+    assert shifts["push"]["success"].p_value_holm == 1.0
+    text = format_totals(evaluation)
+    assert re.search(r"^layout seen +-83.3 % +-\d", text, flags=re.MULTILINE)
+    assert "success, less that of 'none' in pairs" in text
+    assert "shifts" not in evaluation.as_json()
+    assert evaluated().shifts == evaluated(protocol="d4rl").shifts == {}
 
 
 @pytest.mark.parametrize("package", ["mujoco", "kitchen-suite"])
