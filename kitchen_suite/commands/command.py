@@ -21,6 +21,7 @@ from kitchen_suite._version import __version__
 SUCCESS = 0
 FAILURE = 1
 USAGE = 2
+GATE = 4  # What the command was asked to fail on; 3 is of `kitchen-replay`.
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 

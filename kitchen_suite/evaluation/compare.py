@@ -20,7 +20,7 @@ from kitchen_suite.evaluation.paired_scores import (
     significant,
 )
 from kitchen_suite.evaluation.protocols import EPISODE
-from kitchen_suite.evaluation.sides import Side, Source, check_across, check_pairs, sides_of
+from kitchen_suite.evaluation.sides import Side, Source, check_across, check_pairs, circumstances, sides_of
 from kitchen_suite.policies import PolicyRef
 
 # Policies that can be compared at once: a pair of them has a row of its own.
@@ -116,7 +116,7 @@ class PairedComparison:
     @property
     def circumstances(self) -> dict[str, Any]:
         """What both policies were compared on, as JSON represents it."""
-        return circumstances([self])
+        return circumstances([self.first, self.second], self.across)
 
     @property
     def better(self) -> Literal["a", "b"] | None:
@@ -129,7 +129,10 @@ class PairedComparison:
     @property
     def conclusion(self) -> str:
         """A sentence on which policy succeeds more often, if the episodes show that."""
-        return conclusion(self.scores["success"], self.first.name, self.second.name, self.unit)
+        success = self.scores["success"]
+        return conclusion(
+            success.difference, success.interval, self.p_value, (self.first.name, self.second.name), self.unit
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Returns all results as JSON represents them; those of success and tasks also at the top level."""
@@ -206,23 +209,9 @@ def compare_all(sources: Sequence[Source], *, across: str | Sequence[str] = ()) 
     ]
 
 
-def circumstances(comparisons: Sequence[PairedComparison]) -> dict[str, Any]:
-    """Returns what the policies of comparisons were compared on, as JSON represents it."""
-    example = comparisons[0]
-    side = example.first
-    sides = [each for comparison in comparisons for each in (comparison.first, comparison.second)]
-    varied = [*dict.fromkeys(spec.variations for each in sides for spec in each.specs.values())]
-    is_by_condition = len({spec.variations for spec in side.specs.values()}) > 1
-    return {
-        "protocol": side.protocol,
-        "domain_name": side.first.domain_name,
-        "variations": "variations by condition" if is_by_condition else " and ".join(varied),
-        **({"across": [*example.across]} if example.across else {}),
-        "episodes": len(example.all_pairs),
-        **({"unit": example.unit, "clusters": len(example.pairs)} if example.is_sample else {}),
-        "seed": min(result.seed for each in side.results.values() for result in each),
-        "versions": dict(side.first.versions),
-    }
+def compared_sides(comparisons: Sequence[PairedComparison]) -> list[Side]:
+    """Returns the policies of comparisons, each once, in order."""
+    return [*{side.name: side for each in comparisons for side in (each.first, each.second)}.values()]
 
 
 def adjusted_p_values(comparisons: Sequence[PairedComparison]) -> list[float]:
@@ -234,7 +223,7 @@ def all_as_json(comparisons: Sequence[PairedComparison]) -> dict[str, Any]:
     """Returns the comparisons of more than two policies as JSON represents them."""
     rows = zip(comparisons, adjusted_p_values(comparisons), strict=True)
     return {
-        **circumstances(comparisons),
+        **circumstances(compared_sides(comparisons), comparisons[0].across),
         "comparisons": [{**comparison.as_json(), "p_value_holm": p_value} for comparison, p_value in rows],
     }
 

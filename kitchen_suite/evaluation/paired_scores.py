@@ -1,13 +1,13 @@
 """Scores of two policies that played the same episodes, a row each, with what the text and the JSON show of it."""
 
 import dataclasses
-import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 
+from kitchen_suite.evaluation import quality
 from kitchen_suite.evaluation.paired import (
     PairedVerdicts,
     cluster_difference,
@@ -134,21 +134,53 @@ class PairedScore:
         return row
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EpisodeScore:
+    """A score of an episode, of which comparisons have a row.
+
+    Attributes:
+      of: the score of a result; a verdict if its unit is `RATE`.
+      unit: as of `PairedScore`.
+      low: least possible score.
+      high: greatest possible score.
+    """
+
+    of: Callable[[EpisodeResult], float]
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+
+
+def episode_scores(policies: Sequence[Sequence[EpisodeResult]]) -> dict[str, EpisodeScore]:
+    """Returns the scores by which policies are compared, `success` first, given the results of each."""
+    scores = {"success": EpisodeScore(of=lambda result: result.success, unit=RATE, low=0.0, high=1.0)}
+    example, *others = (results[0] for results in policies)
+    if example.asked is None:
+        scores["mean_progress"] = EpisodeScore(of=lambda result: result.progress)
+    else:
+        most = max(len(result.asked or {}) for result in policies[0])
+        scores["mean_tasks"] = EpisodeScore(of=_tasks, low=0.0, high=float(most))
+    for name, value in example.measures.items():
+        # One of them may measure more, such as its quality.
+        if all(name in other.measures for other in others):
+            if isinstance(value, bool):
+                scores[name] = EpisodeScore(of=_measure(name), unit=RATE, low=0.0, high=1.0)
+            else:
+                scores[name] = EpisodeScore(of=_measure(name), low=quality.INFOS.get(name, -math.inf))
+    return scores
+
+
 def paired_scores(pairs: Sequence[Pair], *, by_condition: bool = False) -> dict[str, PairedScore]:
     """Returns the scores of some episodes by name, `success` first; see `PairedScore.of_verdicts`."""
-    of_verdicts = functools.partial(PairedScore.of_verdicts, pairs, by_condition=by_condition)
-    of_means = functools.partial(PairedScore.of_means, pairs, by_condition=by_condition)
-    rows = {"success": of_verdicts(lambda result: result.success)}
-    example, partner = pairs[0]
-    if example.asked is None:
-        rows["mean_progress"] = of_means(lambda result: result.progress)
-    else:
-        most = max(len(one.asked or {}) for one, _ in pairs)
-        rows["mean_tasks"] = of_means(_tasks, greatest=float(most))
-    # One of the two may measure more, such as its quality.
-    common = {name: value for name, value in example.measures.items() if name in partner.measures}
-    for name, value in common.items():
-        rows[name] = of_verdicts(_measure(name)) if isinstance(value, bool) else of_means(_measure(name))
+    rows = {}
+    for name, score in episode_scores([*zip(*pairs, strict=True)]).items():
+        if score.unit == RATE:
+            rows[name] = PairedScore.of_verdicts(pairs, score.of, by_condition=by_condition)
+        else:
+            greatest = score.high - score.low
+            rows[name] = PairedScore.of_means(
+                pairs, score.of, greatest=greatest, unit=score.unit, by_condition=by_condition
+            )
     return rows
 
 
@@ -195,20 +227,20 @@ def greater(difference: float, interval: Interval, p_value: float | None) -> Lit
     return "a" if difference > 0.0 else "b"
 
 
-def conclusion(score: PairedScore, first: str, second: str, unit: str) -> str:
-    """Returns a sentence on which of two named policies succeeds more often, if the episodes show that.
+def conclusion(difference: float, interval: Interval, p_value: float, names: tuple[str, str], unit: str) -> str:
+    """Returns a sentence on which of two succeeds more often, if their episodes, or other units, show that.
 
     Exact p-values and intervals may disagree where little decides: then no difference is shown.
     """
-    assert score.interval is not None
-    assert score.p_value is not None
-    low, high = (100.0 * bound for bound in score.interval)
-    if score.greater == "a":
-        return f"{first} succeeds more often, by {low:.1f} to {high:.1f} percentage points"
-    if score.greater == "b":
-        return f"{second} succeeds more often, by {-high:.1f} to {-low:.1f} percentage points"
+    assert interval is not None
+    low, high = (100.0 * bound for bound in interval)
+    match greater(difference, interval, p_value):
+        case "a":
+            return f"{names[0]} succeeds more often, by {low:.1f} to {high:.1f} percentage points"
+        case "b":
+            return f"{names[1]} succeeds more often, by {-high:.1f} to {-low:.1f} percentage points"
     found = f"{low:+.1f} to {high:+.1f} percentage points"
-    if score.p_value < _LEVEL:
+    if p_value < _LEVEL:
         return f"no difference is shown: p is below {_LEVEL}, but the interval, {found}, contains 0"
     if low <= 0.0 <= high:
         return f"no difference is shown: {found} are compatible with these {unit}s"

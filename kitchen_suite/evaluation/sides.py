@@ -66,6 +66,24 @@ class Side:
         return {name: self.first.max_episode_steps if name == _LENGTH else self.first.argument(name) for name in names}
 
 
+def circumstances(sides: Sequence[Side], across: Sequence[str] = ()) -> dict[str, Any]:
+    """Returns what sides are compared on, as JSON represents it; they differ in the arguments `across` alone."""
+    example = sides[0]
+    varied = [*dict.fromkeys(spec.variations for each in sides for spec in each.specs.values())]
+    is_by_condition = len({spec.variations for spec in example.specs.values()}) > 1
+    results = [result for each in example.results.values() for result in each]
+    return {
+        "protocol": example.protocol,
+        "domain_name": example.first.domain_name,
+        "variations": "variations by condition" if is_by_condition else " and ".join(varied),
+        **({"across": [*across]} if across else {}),
+        "episodes": len(results),
+        **({"unit": example.unit, "clusters": len(example.specs)} if example.unit != EPISODE else {}),
+        "seed": min(result.seed for result in results),
+        "versions": dict(example.first.versions),
+    }
+
+
 def sides_of(sources: Sequence[Source]) -> list[Side]:
     """Returns the policies and the episodes of sources; a ValueError if one has none that can be paired."""
     return _named([*map(_side, sources)], sources)

@@ -9,11 +9,14 @@ from kitchen_suite.episodes.replay import Verdict
 from kitchen_suite.episodes.report import WIDTH, counted, paragraph, table
 from kitchen_suite.evaluation import quality
 from kitchen_suite.evaluation.check import Check, ReplayedResult
-from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, circumstances
+from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, compared_sides
 from kitchen_suite.evaluation.evaluation import Evaluation
+from kitchen_suite.evaluation.methods import Method, MethodComparison
 from kitchen_suite.evaluation.paired_scores import RATE, PairedScore, rounded
 from kitchen_suite.evaluation.plan import EvaluationPlan
-from kitchen_suite.evaluation.scores import EpisodeResult
+from kitchen_suite.evaluation.scores import EpisodeResult, Interval
+from kitchen_suite.evaluation.sides import Side, circumstances
+from kitchen_suite.evaluation.training_seeds import Estimate
 from kitchen_suite.gymnasium_env.observations import OF_PICTURES
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks.variations.distributions import NONE
@@ -296,6 +299,53 @@ def format_comparisons(comparisons: Sequence[PairedComparison], table_format: st
     return "\n\n".join(parts)
 
 
+def format_methods(comparison: MethodComparison, table_format: str = "text") -> str:
+    """Returns what two methods are compared on, tables of their scores and of the differences, and the conclusion.
+
+    The first table has a row a method and a column a score. `table_format` is one of `report.TABLE_FORMATS`.
+    """
+    scores = comparison.scores.values()
+    rows = [
+        _method_row(comparison.first, [(score.a, score.unit) for score in scores]),
+        _method_row(comparison.second, [(score.b, score.unit) for score in scores]),
+    ]
+    differences = []
+    for name, score in comparison.scores.items():
+        value, interval, p_value = score.difference
+        cells = _signed(value, score.unit), _signed_interval(interval, score.unit), p_text(p_value)
+        differences.append((label(name), *cells))
+    one, other = comparison.first.name, comparison.second.name
+    parts = [
+        paragraph(_methods_heading(comparison), table_format),
+        table(("method", "training seeds", *map(label, comparison.scores)), rows, table_format),
+        table((f"{one} - {other}", "difference", _INTERVAL, "p"), differences, table_format),
+        paragraph(textwrap.fill(comparison.conclusion, WIDTH), table_format),
+    ]
+    return "\n\n".join(parts)
+
+
+def _method_row(method: Method, means: Sequence[tuple[Estimate, str]]) -> tuple[str, ...]:
+    cells = (f"{_in_unit(mean.value, unit)} ({_span(mean.interval, unit)})" for mean, unit in means)
+    return method.name, str(len(method.seeds)), *cells
+
+
+def _methods_heading(comparison: MethodComparison) -> str:
+    """Returns what methods are compared on, and the success of each training seed."""
+    methods = comparison.first, comparison.second
+    counts = " and ".join(f"{len(each.seeds)} training seeds of {each.name}" for each in methods)
+    lines = [f"{_compared_on(comparison.circumstances, 'of each policy')}; {counts}"]
+    for method in methods:
+        seeds = zip(method.seeds, method.successes, strict=True)
+        successes = ", ".join(f"{side.name} {_in_unit(success, RATE)}" for side, success in seeds)
+        lines.append(f"{method.name}: success of {successes}")
+    return "\n".join([*lines, *_not_replayed(comparison.sides)])
+
+
+def _span(interval: Interval, unit: str) -> str:
+    """Returns an interval as a cell has it beside its number."""
+    return "no interval" if interval is None else " to ".join(_in_unit(bound, unit) for bound in interval)
+
+
 def p_text(p_value: float | None) -> str:
     """Returns a p-value as tables show it; empty where there is none."""
     if p_value is None:
@@ -305,24 +355,32 @@ def p_text(p_value: float | None) -> str:
 
 def _compared_heading(comparisons: Sequence[PairedComparison]) -> str:
     """Returns what is compared on which episodes, a line for each policy, and what nobody has checked."""
-    record = circumstances(comparisons)
-    what = f"protocol {record['protocol']}" if record["protocol"] else "recordings"
-    count = f"{counted(record['episodes'])} in pairs"
-    if "unit" in record:
-        count = f"{count}, of {record['clusters']} {record['unit']}s, which are the unit"
-    lines = [f"{record['domain_name']}, {what}, {record['variations']}: {count}, seeds from {record['seed']}"]
+    sides = compared_sides(comparisons)
     across = comparisons[0].across
+    lines = [_compared_on(circumstances(sides), "in pairs")]
     if across:
         lines.append(f"compared across {', '.join(across)}: pairs have the same seed, and differ in this")
-    sides = {side.name: side for each in comparisons for side in (each.first, each.second)}
-    for name, side in sides.items():
+    for side in sides:
         policy = PolicyRef.parse(side.policy).without_file
-        own = [] if name == policy else [f"policy {policy}"]
+        own = [] if side.name == policy else [f"policy {policy}"]
         own += [f"{argument} {_value(argument, value)}" for argument, value in side.arguments(across).items()]
-        lines.append(f"{name}: {', '.join(own)}" if own else name)
-    if read := [name for name, side in sides.items() if side.is_read]:
-        lines.append(f"not replayed, as kitchen-replay does: {', '.join(read)}")
-    return "\n".join(lines)
+        lines.append(f"{side.name}: {', '.join(own)}" if own else side.name)
+    return "\n".join([*lines, *_not_replayed(sides)])
+
+
+def _compared_on(record: Mapping[str, Any], how: str) -> str:
+    """Returns the line on the episodes of a comparison, given its `circumstances`."""
+    what = f"protocol {record['protocol']}" if record["protocol"] else "recordings"
+    count = f"{counted(record['episodes'])} {how}"
+    if "unit" in record:
+        count = f"{count}, of {record['clusters']} {record['unit']}s, which are the unit"
+    return f"{record['domain_name']}, {what}, {record['variations']}: {count}, seeds from {record['seed']}"
+
+
+def _not_replayed(sides: Sequence[Side]) -> list[str]:
+    """Returns a line on the files that were read; nothing if there are none."""
+    read = [side.name for side in sides if side.is_read]
+    return [f"not replayed, as kitchen-replay does: {', '.join(read)}"] if read else []
 
 
 def _value(argument: str, value: Any) -> str:
@@ -390,15 +448,11 @@ def _mean_rows(comparisons: Sequence[PairedComparison]) -> dict[str, list[tuple[
 
 def _cells(score: PairedScore) -> tuple[str, ...]:
     """Returns the scores of both policies, their difference, and its interval."""
-    interval = "none"
-    if score.interval is not None:
-        low, high = (_signed(bound, score.unit) for bound in score.interval)
-        interval = f"{low} to {high}"
     return (
         _in_unit(score.a, score.unit),
         _in_unit(score.b, score.unit),
         _signed(score.difference, score.unit),
-        interval,
+        _signed_interval(score.interval, score.unit),
     )
 
 
@@ -407,6 +461,10 @@ def _in_unit(value: float, unit: str) -> str:
     if unit == RATE:
         return f"{100 * rounded(value):.1f} %"
     return f"{rounded(value):.4g} {unit}".rstrip()
+
+
+def _signed_interval(interval: Interval, unit: str) -> str:
+    return "none" if interval is None else " to ".join(_signed(bound, unit) for bound in interval)
 
 
 def _signed(value: float, unit: str) -> str:

@@ -2,13 +2,13 @@
 
 import contextlib
 import dataclasses
-import functools
 import json
 import re
 
 import numpy as np
 import pytest
 from helpers.errors import refused
+from helpers.evaluations import EPISODES, TASKS, evaluated, kitchens
 
 import kitchen_suite
 from kitchen_suite import EnvironmentSpec
@@ -16,44 +16,10 @@ from kitchen_suite.commands import compare as compare_command
 from kitchen_suite.commands import evaluate as evaluate_command
 from kitchen_suite.evaluation import side_by_side
 from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, all_as_json, compare_all
-from kitchen_suite.evaluation.evaluation import Evaluation
 from kitchen_suite.evaluation.paired_scores import PairedScore, conclusion
-from kitchen_suite.evaluation.plan import Replaced, make_plan, make_unprepared_plan
-from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.evaluation.text import format_comparison, format_comparisons, format_totals
-from kitchen_suite.policies import PolicyRef
 
-EPISODES = 6
 SMALL = ["--num_episodes=3", "--max_episode_steps=4", "--num_envs=3"]
-TASKS = ("kettle", "microwave")
-
-
-@functools.cache
-def plan_of(policy="zero", protocol="default", **replaced):
-    values = {"num_episodes": EPISODES, **replaced}
-    values["task_kwargs"] = dict(values.get("task_kwargs", ()))
-    return make_plan(PolicyRef.parse(policy), protocol, Replaced(**values))
-
-
-def evaluated(completed=((), ("kettle",), TASKS, TASKS, TASKS, TASKS), **arguments):
-    """An evaluation without playing: of each condition as many episodes, with the tasks that each completed."""
-    plan = plan_of(**arguments)
-    results = {
-        name: [
-            EpisodeResult(
-                condition=name,
-                episode=index,
-                seed=plan.first.seed + index,
-                success=len(tasks) == len(TASKS),
-                progress=len(tasks) / len(TASKS),
-                control_steps=100,
-                asked={task: 10 if task in tasks else None for task in TASKS},
-            )
-            for index, tasks in enumerate(completed[: plan.num_episodes])
-        ]
-        for name in plan.specs
-    }
-    return Evaluation(plan=plan, results=results)
 
 
 @pytest.fixture(scope="module")
@@ -317,27 +283,6 @@ def test_one_policy_alone_is_refused(sources):
         compare_all([evaluated() for _ in sources])
 
 
-def kitchens(completed, policy="zero"):
-    """Evaluation of generated kitchens, without playing: the successes of the four episodes of the first ones."""
-    plan = make_unprepared_plan(PolicyRef.parse(policy), "unseen-kitchens", Replaced(domain_name="kitchens"))
-    results = {name: [] for name in plan.specs}
-    for place, name in enumerate(plan.specs):
-        for index in range(plan.num_episodes):
-            success = place < len(completed) and index < completed[place]
-            results[name].append(
-                EpisodeResult(
-                    condition=name,
-                    episode=index,
-                    seed=plan.first.seed + index,
-                    success=success,
-                    progress=float(success),
-                    control_steps=100,
-                    asked={"door": 10 if success else None},
-                )
-            )
-    return Evaluation(plan=plan, results=results)
-
-
 def test_kitchens_are_the_unit_where_they_are_a_sample():
     comparison = kitchen_suite.compare(kitchens([4, 4, 4]), kitchens([]))
     record = comparison.as_json()
@@ -376,7 +321,7 @@ def test_a_conclusion_never_contradicts_itself(low, high, p_value):
     score = dataclasses.replace(score, p_value=p_value)
     is_shown = p_value < 0.05 and not low <= 0.0 <= high
     assert (score.greater is not None) == is_shown
-    text = conclusion(score, "first", "second", "kitchen")
+    text = conclusion(difference, (low, high), p_value, ("first", "second"), "kitchen")
     assert text.startswith(("first succeeds", "second succeeds") if is_shown else "no difference is shown: ")
     assert ("compatible" in text) == (p_value >= 0.05 and low <= 0.0 <= high)
     if is_shown:
@@ -613,3 +558,47 @@ def test_what_cannot_be_filmed_is_refused_first(run, folder, receipts):
     status, out, err = run(compare_command, "rows.json", names[1], "--video=both.mp4")
     assert (status, out) == (2, "")
     assert "write a receipt" in err
+
+
+GATES = {
+    "worse": ("worse", (TASKS,) * EPISODES, ((),) * EPISODES, 4, "failed: random is worse than zero"),
+    "not_better": ("not_better", (TASKS,) * EPISODES, ((),) * EPISODES, 4, "failed: random is worse than zero"),
+    "alike": ("worse", (TASKS,) * 4, ((),) + (TASKS,) * 3, 0, "passed: random is shown to be neither better nor"),
+    "alike, not better": ("not_better", (TASKS,) * 4, (TASKS,) * 4, 4, "failed: random is shown to be neither"),
+    "better": ("not_better", ((),) * EPISODES, (TASKS,) * EPISODES, 0, "passed: random is better than zero"),
+    # The interval excludes 0, and the exact p is 0.125.
+    "too few": ("worse", (TASKS,) * 4, ((),) * 4, 0, "passed: random is shown to be neither"),
+}
+
+
+@pytest.mark.parametrize("name", GATES)
+def test_a_gate_fails_with_status_4(run, folder, name):
+    gate, first, second, expected, shown = GATES[name]
+    evaluated(first, num_episodes=len(first)).write("zero.json")
+    evaluated(second, num_episodes=len(second), policy="random").write("random.json")
+    status, out, err = run(compare_command, "zero.json", "random.json", f"--fail_if={gate}", "--json=both.json")
+    assert (status, err) == (expected, "")
+    assert f"--fail_if={gate} {shown}" in out
+    assert (folder / "both.json").exists()
+
+
+def test_a_gate_decides_across_arguments_and_by_kitchens(run, folder):
+    evaluated((TASKS,) * EPISODES).write("usual.json")
+    evaluated(((),) * EPISODES, task_kwargs=WITHOUT).write("varied.json")
+    assert run(compare_command, "usual.json", "varied.json", "--across=variations", "--fail_if=worse")[0] == 4
+    kitchens([4] * 3).write("many.json")
+    kitchens([]).write("none.json")
+    kitchens([1] * 12).write("spread.json")
+    # Twelve episodes in three kitchens prove less than in twelve.
+    assert run(compare_command, "many.json", "none.json", "--fail_if=worse")[0] == 0
+    assert run(compare_command, "spread.json", "none.json", "--fail_if=worse")[0] == 4
+
+
+def test_a_gate_is_about_two_policies(run, receipts):
+    names = [str(receipts / f"{name}.npz") for name in ("random", "zero")]
+    status, out, err = run(compare_command, *names, names[0], "--fail_if=worse")
+    assert (status, out, "second of two policies, not of 3" in err) == (2, "", True)
+    status, out, err = run(compare_command, names[0])
+    assert (status, out) == (2, "")
+    assert "at least 2 are needed" in err
+    assert "--a and --b" in err
