@@ -31,10 +31,10 @@ _DESCRIPTION = """Evaluates a policy under a published protocol, with confidence
 kitchen-compare pairs the episodes of two receipts, or of two JSON files with --episodes.
 
 Flags that are given replace the protocol's values, and the JSON has the final ones. The same evaluation has the same
-JSON, to the byte, whatever --num_envs, --num_threads and --workers. A policy module:callable must be stateless, or be
-played with --num_envs=1. Exit status: 0; 1 if writing or the workers failed; 2 for a bad argument or policy, with one
-line on stderr; 4 if less succeed than --fail_under; 130 if interrupted. Protocols, whose sources and values are in
-docs/guide/protocols.md:
+JSON, to the byte, whatever --num_envs, --num_threads and --workers. A policy module:callable with a memory has a method
+reset, or the callable is a factory of policies. Exit status: 0; 1 if writing or the workers failed; 2 for a bad
+argument or policy, with one line on stderr; 4 if less succeed than --fail_under; 130 if interrupted. Protocols, whose
+sources and values are in docs/guide/protocols.md:
 """
 
 

@@ -15,6 +15,7 @@ from kitchen_suite.episodes.recording import SPEC_FILE
 from kitchen_suite.evaluation import quality, receipt
 from kitchen_suite.evaluation.check import Check, ReplayedResult, check_of, replayed_results
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
+from kitchen_suite.evaluation.paired_scores import PairedScore, paired_conditions
 from kitchen_suite.evaluation.plan import EvaluationPlan, check_robot
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipt import Receipt
@@ -69,6 +70,16 @@ class Evaluation:
     def overall(self) -> dict[str, float]:
         """The protocol's scores over all conditions; empty where it has none, or values that they depend on differ."""
         return _overall(self.plan, self.scores_by_condition)
+
+    @property
+    def shifts(self) -> dict[str, dict[str, PairedScore]]:
+        """What each condition changes, where the protocol has a control arm, as `shift` has; else empty.
+
+        By condition and by name of a score, `success` first: the score of the condition, `a`, less that of the control
+        arm, `b`, in episodes of the same seed, with its interval, and p-values adjusted for the number of conditions.
+        """
+        control = self.plan.control
+        return paired_conditions(self.results, control) if control is not None else {}
 
     @property
     def constant_successes(self) -> tuple[int, int]:

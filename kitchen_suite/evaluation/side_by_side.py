@@ -18,8 +18,10 @@ from kitchen_suite.episodes.episode import EpisodeBuffer
 from kitchen_suite.episodes.play import episode_name
 from kitchen_suite.episodes.replay import replayed_steps
 from kitchen_suite.episodes.video import frame_stride, open_video
-from kitchen_suite.evaluation.compare import Pair, PairedComparison, Side
+from kitchen_suite.evaluation.compare import PairedComparison
+from kitchen_suite.evaluation.paired_scores import Pair
 from kitchen_suite.evaluation.scores import EpisodeResult
+from kitchen_suite.evaluation.sides import Side
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.observations import OF_OBSERVATIONS
 from kitchen_suite.rendering import cameras
