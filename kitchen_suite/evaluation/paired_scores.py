@@ -152,9 +152,15 @@ class EpisodeScore:
 
 
 def episode_scores(policies: Sequence[Sequence[EpisodeResult]]) -> dict[str, EpisodeScore]:
-    """Returns the scores by which policies are compared, `success` first, given the results of each."""
+    """Returns the scores by which policies are compared, `success` first, given the results of each.
+
+    They are those of `scores.score_episodes` that every episode has, without the rates of p1 to pN and the lengths.
+    """
     scores = {"success": EpisodeScore(of=lambda result: result.success, unit=RATE, low=0.0, high=1.0)}
     example, *others = (results[0] for results in policies)
+    # Evaluations of version 1.0 do not say it.
+    if None not in {each.success_at_end for each in (example, *others)}:
+        scores["success_at_end"] = EpisodeScore(of=_success_at_end, unit=RATE, low=0.0, high=1.0)
     if example.asked is None:
         scores["mean_progress"] = EpisodeScore(of=lambda result: result.progress)
     else:
@@ -270,6 +276,11 @@ def _conditions(pairs: Sequence[Pair]) -> list[str]:
 
 def _tasks(result: EpisodeResult) -> int:
     return sum(step is not None for step in (result.asked or {}).values())
+
+
+def _success_at_end(result: EpisodeResult) -> bool:
+    assert result.success_at_end is not None
+    return result.success_at_end
 
 
 def _measure(name: str) -> Callable[[EpisodeResult], float]:

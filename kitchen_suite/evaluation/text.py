@@ -297,11 +297,11 @@ def format_comparisons(comparisons: Sequence[PairedComparison], table_format: st
         success = each.scores["success"]
         rows.append((_both_names(each), *_verdict_cells(success), p_text(success.p_value), p_text(p_value)))
     header = ("success", "first", "second", "difference", _INTERVAL, "wins", "losses", "p", "p (Holm)")
-    means = _mean_rows(comparisons)
+    others = _rows_of_other_scores(comparisons)
     parts = [
         paragraph(_compared_heading(comparisons), table_format),
         table(header, rows, table_format),
-        *(table((name, *header[1:5]), lines, table_format) for name, lines in means.items()),
+        *(table((name, *header[1:5]), lines, table_format) for name, lines in others.items()),
         paragraph(_explained(len(rows)), table_format),
     ]
     return "\n\n".join(parts)
@@ -444,12 +444,12 @@ def _verdict_cells(score: PairedScore) -> tuple[str, ...]:
     return (*_cells(score), str(score.verdicts.wins), str(score.verdicts.losses))
 
 
-def _mean_rows(comparisons: Sequence[PairedComparison]) -> dict[str, list[tuple[str, ...]]]:
-    """Returns the rows of all pairs by the label of each mean."""
+def _rows_of_other_scores(comparisons: Sequence[PairedComparison]) -> dict[str, list[tuple[str, ...]]]:
+    """Returns the rows of all pairs by the label of each score but the success."""
     rows: dict[str, list[tuple[str, ...]]] = {}
     for each in comparisons:
         for name, score in each.scores.items():
-            if score.verdicts is None:
+            if name != "success":
                 rows.setdefault(label(name), []).append((_both_names(each), *_cells(score)))
     return rows
 

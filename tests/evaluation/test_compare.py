@@ -17,7 +17,7 @@ from kitchen_suite.commands import evaluate as evaluate_command
 from kitchen_suite.evaluation import side_by_side
 from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, all_as_json, compare_all
 from kitchen_suite.evaluation.paired_scores import PairedScore, conclusion
-from kitchen_suite.evaluation.text import format_comparison, format_comparisons, format_totals
+from kitchen_suite.evaluation.text import format_comparison, format_comparisons, format_totals, label
 
 SMALL = ["--num_episodes=3", "--max_episode_steps=4", "--num_envs=3"]
 
@@ -245,7 +245,7 @@ def test_measured_quality_is_no_other_episode():
     for sources in ((plain, measured), (measured, plain)):
         comparison = kitchen_suite.compare(*sources)
         assert (comparison.wins, comparison.losses, comparison.ties) == (0, 0, 3)
-        assert [*comparison.scores] == ["success", "mean_tasks"]
+        assert [*comparison.scores] == ["success", "success_at_end", "mean_tasks"]
     assert "clean_success" in kitchen_suite.compare(measured, measured).scores
 
 
@@ -275,6 +275,24 @@ def test_several_policies_are_compared_in_all_pairs_with_holm():
     record = all_as_json(comparisons)
     assert [each["p_value_holm"] for each in record["comparisons"]] == adjusted_p_values(comparisons)
     assert "p (Holm)" in format_comparisons(comparisons)
+
+
+def test_every_score_of_several_policies_is_shown():
+    evaluation = evaluated()
+    measured = {
+        name: [
+            dataclasses.replace(each, measures={"caught": True, "effort": 1.0}, success_at_end=False)
+            for each in results
+        ]
+        for name, results in evaluation.results.items()
+    }
+    one = dataclasses.replace(evaluation, results=measured)
+    text = format_comparisons(compare_all([one, one, one]))
+    lines = text.splitlines()
+    scores = kitchen_suite.compare(one, one).scores
+    assert scores.keys() == {"success", "success_at_end", "mean_tasks", "caught", "effort"}
+    for name in scores:
+        assert any(line.startswith(label(name)) for line in lines), name
 
 
 @pytest.mark.parametrize("sources", [[], [0]])
@@ -381,7 +399,7 @@ def test_the_command_prints_and_writes(run, receipts, tmp_path):
     assert out.startswith("kitchen, protocol default, variations start (seen): 3 episodes in pairs, seeds from 4")
     record = json.loads(path.read_text("utf-8"))
     assert record == kitchen_suite.compare(*names).as_json()
-    differences = {"success_difference", "mean_tasks_difference"}
+    differences = {"success_difference", "success_at_end_difference", "mean_tasks_difference"}
     assert {"wins", "losses", "ties", "p_value", "intervals", *differences} <= record.keys()
     assert record["intervals"].keys() == differences
     status, out, _ = run(compare_command, *names, names[0], "--format=markdown", f"--json={path}")
