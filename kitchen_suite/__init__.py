@@ -9,7 +9,7 @@ Episodes are played by functions, of environments that an `EnvironmentSpec` desc
 - `Recording`: such a folder, its episodes, and the arrays of all their control steps
 - `evaluate`: a policy under a published protocol; the `Evaluation` can be written, read, checked and compared
 - `replay`: a recording, or the receipt of an evaluation, again
-- `compare`: two policies on the same episodes
+- `compare`: two policies on the same episodes; `compare_methods`: two methods, by policies of several training seeds
 
 The parts are submodules, imported when first used:
 
@@ -42,6 +42,7 @@ if _TYPE_CHECKING:
     from kitchen_suite.evaluation.compare import compare as compare
     from kitchen_suite.evaluation.evaluate import evaluate as evaluate
     from kitchen_suite.evaluation.evaluation import Evaluation as Evaluation
+    from kitchen_suite.evaluation.methods import compare_methods as compare_methods
     from kitchen_suite.evaluation.replay import replay as replay
 
 _MODULES = ["entities", "environment", "gymnasium_env", "policies", "suite", "tasks", "vector_env"]
@@ -50,6 +51,7 @@ _MEMBERS = {
     "Evaluation": "kitchen_suite.evaluation.evaluation:Evaluation",
     "Recording": "kitchen_suite.episodes.recording:Recording",
     "compare": "kitchen_suite.evaluation.compare:compare",
+    "compare_methods": "kitchen_suite.evaluation.methods:compare_methods",
     "convert": "kitchen_suite.datasets.convert:convert",
     "evaluate": "kitchen_suite.evaluation.evaluate:evaluate",
     "play": "kitchen_suite.episodes.play:play",
@@ -62,6 +64,7 @@ __all__ = [
     "Evaluation",
     "Recording",
     "compare",
+    "compare_methods",
     "convert",
     "entities",
     "environment",

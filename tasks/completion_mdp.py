@@ -53,6 +53,11 @@ class CompletionMDP(MDP[Reading, State], Generic[Reading, State]):
         progress: Progress = state.progress
         return progress.within & progress.completed
 
+    def succeeds(self, state: State) -> NDArray[np.bool_]:
+        """Returns whether `(...)` all tasks that the episode asks for have been completed, and all still are."""
+        holds: NDArray[np.bool_] = np.logical_and.reduce(self.complete(state) | ~state.requested, axis=-1)
+        return holds
+
     def terminates(self, state: State) -> NDArray[np.bool_]:
         return self.all_completed(state) & self.terminate_on_tasks_completed
 

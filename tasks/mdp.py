@@ -150,6 +150,13 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """
         return np.zeros(0, bool)
 
+    def succeeds(self, state: State) -> NDArray[np.bool_]:
+        """Returns whether `(...)` all that the episode asks for holds after the last step.
+
+        By default it is the info `is_success`. An MDP whose success lasts once it is reached overrides it.
+        """
+        return np.array(self.info(state)["is_success"])
+
     def requested_joints(self, scene: Scene, state: State) -> Collection[mjcf.Element]:
         """Returns the joints that an episode asks to move, given its state; by default those of all tasks."""
         return [joint for joints in self.task_joints(scene) for joint in joints]

@@ -26,6 +26,7 @@ from kitchen_suite.tasks.episode.extra_observables import NamedQuantities
 from kitchen_suite.tasks.episode.extra_observations import ExtraObservations, Measured
 from kitchen_suite.tasks.episode.extra_successes import ExtraSuccesses
 from kitchen_suite.tasks.episode.extra_terminations import ExtraTerminations
+from kitchen_suite.tasks.episode.lasting_success import LastingSuccess
 from kitchen_suite.tasks.episode.noise_and_delay import NoiseAndDelay
 from kitchen_suite.tasks.episode.part import EpisodePart
 from kitchen_suite.tasks.episode.pushes import Pushes
@@ -328,7 +329,8 @@ class SuiteTask(composer.Task):
             self._use_control_timestep(settings.control_timestep)
         if settings.quality:
             self.meter = QualityMeter(self.scene, self.mdp, self.physics_steps_per_control_step)
-            self._offered_parts.append(self.meter)
+            own = next((part for part in self._offered_parts if isinstance(part, ExtraSuccesses)), None)
+            self._offered_parts += [self.meter, LastingSuccess(self.mdp, own)]
 
     def _use_control_timestep(self, timestep: float) -> None:
         """Replaces the length of a control step [s]; raises as `configure`."""

@@ -79,13 +79,16 @@ class ChunkPolicy(abc.ABC):
 
 
 def generators(first_seed: int) -> Iterator[np.random.Generator]:
-    """Yields a generator for each episode, which depends on the episode's seed alone."""
+    """Yields a generator for each episode of one condition, of the seed of that episode: they are played in order."""
     # The 1 tells its stream from that of the environment.
     return (np.random.default_rng((seed, 1)) for seed in itertools.count(first_seed))
 
 
 def evaluate(policy: ChunkPolicy, spec: EnvironmentSpec, given: argparse.Namespace) -> None:
-    """Evaluates a policy on a task, and writes scores and receipt."""
+    """Evaluates a policy on a task, and writes scores and receipt.
+
+    The protocol `default` varies the start unless the arguments of the task say what varies.
+    """
     # One episode after the other, by time steps: the policy keeps a chunk of actions between control steps, and drops
     # it at the first time step of an episode.
     evaluation = kitchen_suite.evaluate(

@@ -150,7 +150,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("recordings", type=Path, nargs="+", help="folders of kitchen-record")
     parser.add_argument("--num_demonstrations", type=int, help="episodes of each recording; all without it")
     parser.add_argument("--task_name", help="to evaluate on; that of the recording without it")
-    parser.add_argument("--task_kwargs", type=json.loads, help="of that task, as JSON; the recording's without it")
+    of_task = "of that task, as JSON, such as variations; those of the recording without it"
+    parser.add_argument("--task_kwargs", type=json.loads, help=of_task)
     given = parser.parse_args(arguments)
 
     given.output.mkdir(parents=True)

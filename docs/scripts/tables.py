@@ -2,6 +2,8 @@
 
 python docs/scripts/tables.py   rewrites the tables between their markers in the pages below docs/
 
+It needs the extra `train`, of whose hyperparameters there are tables.
+
 `result_tables.py` has the tables of measurements.
 """
 

@@ -21,6 +21,7 @@ from kitchen_suite._version import __version__
 SUCCESS = 0
 FAILURE = 1
 USAGE = 2
+GATE = 4  # The work was done, and its result is one to fail on, such as by --fail_under; 3 is of `kitchen-replay`.
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 

@@ -11,7 +11,8 @@ from kitchen_suite.datasets.formats import FORMATS
 DESCRIPTION = """Converts recordings to datasets of other programs, and human demonstrations to recordings.
 
   kitchen-convert runs --dataset=me/kitchen-v0               a Minari dataset of a recording
-  kitchen-convert runs --format=lerobot --dataset=me/kitchen    or a LeRobot one: docs/guide/lerobot.md
+  kitchen-convert runs --format=lerobot --dataset=me/kitchen    or a LeRobot one, of a recording with
+                                                             --obs_type=environment_state_agent_pos or images
   kitchen-convert runs --format=robomimic --dataset=me/kitchen --data_path=data    or a file for another program
   kitchen-convert kitchen_complete-v0.hdf5 --output=human    human demonstrations of the kitchen, in a file of D4RL
   kitchen-convert D4RL/kitchen/complete-v2 --output=human    human demonstrations in a Minari dataset

@@ -4,10 +4,11 @@ import contextlib
 import textwrap
 from typing import TYPE_CHECKING
 
-from absl.flags import DEFINE_boolean, DEFINE_string, FlagValues
+from absl.flags import DEFINE_boolean, DEFINE_float, DEFINE_string, FlagValues
 
+from kitchen_suite import checks
 from kitchen_suite.commands import flags, watching
-from kitchen_suite.commands.command import Command
+from kitchen_suite.commands.command import GATE, Command, fail
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 
 if TYPE_CHECKING:
@@ -25,13 +26,15 @@ _DESCRIPTION = """Evaluates a policy under a published protocol, with confidence
   kitchen-evaluate --policy=expert --episodes --json=expert.json   also prints and writes a row for each episode
   kitchen-evaluate --policy=expert --format=latex                  prints LaTeX tables
   kitchen-evaluate --policy=expert --workers=4                     plays on Ray, in four processes
+  kitchen-evaluate --policy=policy.npz --fail_under=0.9            ends with status 4 if less than 90 % succeed
 
 kitchen-compare pairs the episodes of two receipts, or of two JSON files with --episodes.
 
 Flags that are given replace the protocol's values, and the JSON has the final ones. The same evaluation has the same
-JSON, to the byte, whatever --num_envs, --num_threads and --workers. A policy module:callable must be stateless, or be
-played with --num_envs=1. Exit status: 0; 1 if writing or the workers failed; 2 for a bad argument or policy, with one
-line on stderr; 130 if interrupted. Protocols, whose sources and values are in docs/guide/protocols.md:
+JSON, to the byte, whatever --num_envs, --num_threads and --workers. A policy module:callable with a memory has a method
+reset, or the callable is a factory of policies. Exit status: 0; 1 if writing or the workers failed; 2 for a bad
+argument or policy, with one line on stderr; 4 if less succeed than --fail_under; 130 if interrupted. Protocols, whose
+sources and values are in docs/guide/protocols.md:
 """
 
 
@@ -63,28 +66,36 @@ def define(values: FlagValues) -> None:
     rows = "Also print a row for each episode, and write it to the JSON, which kitchen-compare can then pair."
     DEFINE_boolean("episodes", False, rows, values)
     flags.table_format(values)
+    gate = (
+        "End with status 4 if the success rate is below this number, from 0 to 1: that of the first condition, or the "
+        "mean over conditions that are a sample."
+    )
+    DEFINE_float("fail_under", None, gate, flag_values=values)
     receipt = "File to write a receipt to, with which kitchen-replay checks the scores without the policy."
     flags.file(values, "receipt", receipt, suffix=".npz")
     flags.task(values, unset=unset, task_unset=unset)
     flags.page(values)
 
 
-def run(given: FlagValues) -> None:
-    """Evaluates the policy; prints the scores, and writes the files that are wanted."""
-    from kitchen_suite.episodes.report import print_line
+def run(given: FlagValues) -> int | None:
+    """Evaluates the policy; prints the scores, and writes the files that are wanted; returns the status of a gate."""
+    from kitchen_suite.episodes.report import paragraph, print_line
     from kitchen_suite.episodes.spec import EnvironmentSpec
     from kitchen_suite.evaluation import text
     from kitchen_suite.evaluation.evaluate import check_destinations, evaluate
     from kitchen_suite.evaluation.rollout import watch_episodes
     from kitchen_suite.policies import PolicyRef
 
+    if given.fail_under is not None:
+        checks.number(given.fail_under, "fail_under", maximum=1.0)
     wanted = {"json": given.json, "receipt": given.receipt, "web": given.web}
     check_destinations(PolicyRef.parse(given.policy), given.dataset, given.output, wanted)
     kwargs = flags.environment_kwargs(given)
-    spec = EnvironmentSpec.make(given.domain_name, given.task_name, kwargs)
-    flags.prepare_images(spec)
+    # Without what the protocol sets, which changes neither images nor cameras.
+    shown = EnvironmentSpec.make(given.domain_name, given.task_name, kwargs)
+    flags.prepare_images(shown)
     if given.web:
-        _check_page(given, spec)
+        _check_page(given, shown)
     with _Scores(given) as scores:
         evaluation = evaluate(
             given.policy,
@@ -107,6 +118,8 @@ def run(given: FlagValues) -> None:
         )
     if totals := text.format_totals(evaluation, given.format):
         print_line(f"\n{totals}")
+    if latency := text.format_latency(evaluation):
+        print_line(f"\n{paragraph(latency, given.format)}")
     if given.episodes:
         print_line(f"\n{text.format_episodes(evaluation.results, given.format)}")
     if given.json:
@@ -114,6 +127,11 @@ def run(given: FlagValues) -> None:
     if given.web:
         with watching.page(given, None) as watch:
             watch_episodes(evaluation.plan, evaluation.results, evaluation.traces, given.web_episodes, watch)
+    success = evaluation.scores["success"]
+    if given.fail_under is not None and success < given.fail_under:
+        problem = f"success {100 * success:.1f} % is below --fail_under, {100 * given.fail_under:g} %"
+        return fail(COMMAND.name, problem, GATE)
+    return None
 
 
 class _Scores(contextlib.ExitStack):

@@ -18,9 +18,9 @@ DESCRIPTION = """Records episodes of a task, many at once, each from its own see
 
 Episode i of --seed=S has the seed S+i and does not depend on how many are played at once. Its file is written
 atomically, so that an interrupt, even by kill -9, loses only the episodes in progress, with --workers the parts in
-progress; the same command completes the recording. A policy module:callable must be stateless, or be played with
---num_envs=1. kitchen-convert makes datasets of a recording. Exit status: 0; 1 if writing, the physics or the workers
-failed; 2 for a bad argument or policy, with one line on stderr; 130 if interrupted.
+progress; the same command completes the recording. A policy module:callable with a memory has a method reset, or the
+callable is a factory of policies. kitchen-convert makes datasets of a recording. Exit status: 0; 1 if writing, the
+physics or the workers failed; 2 for a bad argument or policy, with one line on stderr; 130 if interrupted.
 """
 
 _DEFAULT_EPISODES = 100

@@ -102,7 +102,7 @@ def play_and_print(
         watching.check(given, environment)
         recording = _begin(spec, output)
         with watching.watching(given, environment, num_episodes=count, max_steps=steps) as watch:
-            episodes = (rollout.play(index, spec.seed + index, watch) for index in range(count))
+            episodes = (rollout.play(index, spec.seed_of(index), watch) for index in range(count))
             _print(spec, episodes, count, recording)
 
 
@@ -118,7 +118,7 @@ def _play_on_cluster(given: FlagValues, spec: "EpisodeSpec", policy: "PolicyRef"
         if given.output:
             check_file_size(environment.observation_space, spec.max_episode_steps)
         spec.check_policy(policy, environment)
-    numbers = [(index, spec.seed + index) for index in range(given.num_episodes)]
+    numbers = [(index, spec.seed_of(index)) for index in range(given.num_episodes)]
     with contextlib.closing(cluster.run(play_singly, (spec, policy), numbers, num_threads=1)) as episodes:
         _print(spec, episodes, given.num_episodes, _begin(spec, given.output))
 

@@ -43,7 +43,8 @@ class Format:
       suffix: of the path; empty for a folder.
       check_name: raises a ValueError for a name that a dataset cannot have.
       folder: returns a context with the folder of all datasets: the given one or, for None, the program's own.
-      obs_types: observation types of the suite that it holds; None for all.
+      obs_types: entry point of the observation types of the suite that it holds; None where `write` refuses what it
+        cannot hold.
     """
 
     name: str

@@ -179,7 +179,14 @@ class BatchStep(NamedTuple):
 
 
 class Controller(Protocol):
-    """Chooses the actions of all environments."""
+    """Chooses the actions of all environments.
+
+    Attributes:
+      is_batched: whether the actions of all environments are one answer of a policy, or each is one of its own.
+    """
+
+    @property
+    def is_batched(self) -> bool: ...
 
     @property
     def labels(self) -> Mapping[str, NDArray]:
@@ -198,6 +205,8 @@ class PolicyController:
     Policies take time steps as the suite's own environment returns them, or observations of the Gymnasium environment;
     see `policies.takes_of`.
     """
+
+    is_batched = False
 
     def __init__(self, environments: SuiteVectorEnv, build_policy: PolicyBuilder) -> None:
         self._environments = environments
@@ -281,6 +290,12 @@ class VectorEpisode:
     def last_info(self) -> dict[str, NDArray]:
         last = self.rows[-1].items()
         return {name.removeprefix("info/"): rows[self.i] for name, rows in last if name.startswith("info/")}
+
+    @property
+    def steps_to_success(self) -> int | None:
+        """The control step at which the infos first call it a success, 0 for the reset; None if they never do."""
+        successes = (bool(row["info/is_success"][self.i]) for row in self.rows)
+        return next((step for step, success in enumerate(successes) if success), None)
 
     def collect(self, task: SuiteTask) -> Episode:
         """Returns the episode, with the metrics of its task."""
@@ -397,6 +412,7 @@ class _BatchController:
     A policy with a memory is told before each call which rows begin an episode.
     """
 
+    is_batched = True
     labels: Mapping[str, NDArray] = MappingProxyType({})
 
     def __init__(self, policy: PolicyRef, environments: SuiteVectorEnv) -> None:

@@ -108,7 +108,7 @@ def complete(
     ):
         for episode in played:
             if episode.diverged:
-                diverged.append(episodes.seed + episode.index)
+                diverged.append(episodes.seed_of(episode.index))
                 continue
             # Another process that completes the recording has written the same episode.
             with contextlib.suppress(FileExistsError):

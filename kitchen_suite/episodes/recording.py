@@ -112,7 +112,7 @@ class Recording:
     def missing(self, count: int) -> list[tuple[int, int]]:
         """Returns number and seed of those of the first `count` episodes that are not in the folder."""
         present = {*self.indices}
-        return [(index, self.spec.seed + index) for index in range(count) if index not in present]
+        return [(index, self.spec.seed_of(index)) for index in range(count) if index not in present]
 
     def append(self, episode: Episode) -> None:
         """Writes an episode as a compressed npz that `numpy.load` reads without pickle, with its metadata as JSON.
@@ -229,7 +229,9 @@ class Recording:
             metadata = files.parse(record, _Metadata, f"{path} does not hold an episode")
         except ValueError as error:
             raise OSError(str(error)) from error
-        expected = (index, self.spec.seed_of(index), self.spec.as_json())
+        # An episode that another program recorded has no seed.
+        seed = self.spec.seed_of(index) if self.spec.origin is None else None
+        expected = (index, seed, self.spec.as_json())
         if (metadata.episode, metadata.seed, metadata.recording) != expected:
             raise OSError(f"{path} holds an episode of another number, seed or recording than its folder's")
         return metadata

@@ -232,7 +232,9 @@ class EnvironmentSpec:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EpisodeSpec(EnvironmentSpec):
-    """The environments and the episodes of a recording; episode `i` has the seed `seed + i`.
+    """The environments and the episodes of a recording, or of a condition of an evaluation.
+
+    Episode `i` has the seed `seed + i`.
 
     Attributes:
       policy: name of the policy, as `policies.find` takes it.
@@ -275,9 +277,9 @@ class EpisodeSpec(EnvironmentSpec):
         kwargs = {name: value for name, value in self.task_kwargs.items() if name not in arguments}
         return dataclasses.replace(self, task_kwargs=kwargs)
 
-    def seed_of(self, index: int) -> int | None:
-        """Returns the seed of an episode; None where another program recorded it."""
-        return self.seed + index if self.origin is None else None
+    def seed_of(self, index: int) -> int:
+        """Returns the seed of an episode; one that another program recorded has none."""
+        return self.seed + index
 
     def check_policy(self, policy: PolicyRef, environment: gymnasium.Env) -> None:
         """Builds the policy once, so that a PolicyError on bad options is raised before the first episode.

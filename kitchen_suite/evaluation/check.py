@@ -20,6 +20,8 @@ class ReplayedResult:
     """The results of an episode of an evaluation and of its replay, and their differences.
 
     Attributes:
+      recorded: the result that was kept.
+      replayed: that of the replay; without what the recorded one does not say, as one of version 1.0.
       first: first control step at which numbers differ, 0 for the reset; None if they are equal to the bit.
       greatest: greatest difference of the numbers after the last control steps.
     """
@@ -120,11 +122,11 @@ def replayed_results(
             if wrong := next((trace.actions.shape[1:] for trace in given if trace.actions.shape[1:] != shape), None):
                 raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
             replay = ActionReplay({result.seed: trace.actions for result, trace in zip(recorded, given, strict=True)})
-            for replayed, trace in play_condition(name, plan, environments, replay, waiting):
+            for replayed, trace, _ in play_condition(name, plan, environments, replay, waiting):
                 first = given[replayed.episode].first_difference(trace)
                 yield ReplayedResult(
                     recorded=recorded[replayed.episode],
-                    replayed=replayed,
+                    replayed=replayed.with_fields_of(recorded[replayed.episode]),
                     first=first,
                     greatest=0.0 if first is None else given[replayed.episode].greatest_difference(trace),
                 )

@@ -3,73 +3,28 @@
 import kitchen_suite.rendering.without_gl  # noqa: F401
 
 # isort: split
-import contextlib
 import dataclasses
+import functools
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 from kitchen_suite import checks
-from kitchen_suite.episodes.recording import SPEC_FILE, Recording
-from kitchen_suite.episodes.replay import reset_options
-from kitchen_suite.episodes.spec import EpisodeSpec
-from kitchen_suite.evaluation.evaluation import Evaluation
-from kitchen_suite.evaluation.paired import PairedVerdicts, holm, mean_difference
-from kitchen_suite.evaluation.scores import EpisodeResult, Interval
-from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.gymnasium_env.observations import OF_OBSERVATIONS
+from kitchen_suite.evaluation.paired import PairedVerdicts, holm
+from kitchen_suite.evaluation.paired_scores import (
+    Pair,
+    PairedScore,
+    conclusion,
+    paired_scores,
+    paired_task_rates,
+    significant,
+)
+from kitchen_suite.evaluation.protocols import EPISODE
+from kitchen_suite.evaluation.sides import Side, Source, check_across, check_pairs, circumstances, sides_of
 from kitchen_suite.policies import PolicyRef
-from kitchen_suite.tasks.task import SuiteTask
-
-Source = str | Path | Evaluation | Recording
-"""An evaluation or a recording, or the path of one: a receipt, JSON with episodes, or the folder of a recording."""
-
-Recorded = Callable[[SuiteTask, EpisodeResult], tuple[dict[str, Any] | None, NDArray]]
-"""Returns the options of the reset of an episode of a task, and its actions `(T, k)`."""
-
-Pair = tuple[EpisodeResult, EpisodeResult]
-"""The results of two policies in the same episode."""
-
-# Probability of calling one of two equal policies better.
-_LEVEL = 0.05
 
 # Policies that can be compared at once: a pair of them has a row of its own.
 _MAX_POLICIES = 100
-
-# Decimals of differences and rates, as of all scores, and significant digits of p-values.
-_DECIMALS = 6
-_DIGITS = 6
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Side:
-    """One of the policies that are compared.
-
-    Attributes:
-      name: of the policy, for readers.
-      policy: the policy's own name.
-      protocol: under which it was evaluated; None for a recording.
-      specs: specification of the episodes of each condition.
-      results: results of the episodes of each condition, in order.
-      recorded: by which episodes can be played again; None where the actions were not kept.
-      is_read: whether the episodes were read from a file or a folder, which may have been altered.
-    """
-
-    name: str
-    policy: str
-    protocol: str | None
-    specs: Mapping[str, EpisodeSpec]
-    results: Mapping[str, Sequence[EpisodeResult]]
-    recorded: Recorded | None
-    is_read: bool
-
-    @property
-    def first(self) -> EpisodeSpec:
-        """Specification of the first condition."""
-        return next(iter(self.specs.values()))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -80,11 +35,13 @@ class PairedComparison:
       first: the policy whose wins are counted.
       second: the other policy.
       pairs: the results of both in each episode, by condition.
+      across: names of the arguments of the environments by which the episodes of both differ.
     """
 
     first: Side
     second: Side
     pairs: Mapping[str, list[Pair]]
+    across: Sequence[str] = ()
 
     @property
     def all_pairs(self) -> list[Pair]:
@@ -92,9 +49,36 @@ class PairedComparison:
         return [pair for each in self.pairs.values() for pair in each]
 
     @property
+    def unit(self) -> str:
+        """What counts as one observation: an episode, or a condition where these are a sample, such as a kitchen."""
+        return self.first.unit
+
+    @property
+    def is_sample(self) -> bool:
+        """Whether conditions are the unit."""
+        return self.unit != EPISODE
+
+    @functools.cached_property
+    def scores(self) -> dict[str, PairedScore]:
+        """The scores of all episodes by name, `success` first."""
+        return paired_scores(self.all_pairs, by_condition=self.is_sample)
+
+    @functools.cached_property
+    def task_rates(self) -> dict[str, PairedScore]:
+        """How often each task was completed where it was asked, with p-values adjusted for the number of tasks."""
+        return paired_task_rates(self.all_pairs, by_condition=self.is_sample)
+
+    @functools.cached_property
+    def scores_by_condition(self) -> dict[str, dict[str, PairedScore]]:
+        """The scores of each condition; empty where there is one."""
+        return {name: paired_scores(each) for name, each in self.pairs.items()} if len(self.pairs) > 1 else {}
+
+    @property
     def success(self) -> PairedVerdicts:
-        """The successes of all episodes."""
-        return _verdicts(self.all_pairs, lambda result: result.success)
+        """In how many episodes one policy alone succeeded."""
+        verdicts = self.scores["success"].verdicts
+        assert verdicts
+        return verdicts
 
     @property
     def wins(self) -> int:
@@ -113,8 +97,16 @@ class PairedComparison:
 
     @property
     def p_value(self) -> float:
-        """The exact p-value of McNemar's test that both succeed equally often."""
-        return self.success.p_value
+        """The exact p-value that both succeed equally often: of McNemar's test, or by permutation of a sample."""
+        p_value = self.scores["success"].p_value
+        assert p_value is not None
+        return p_value
+
+    @property
+    def leading(self) -> PairedVerdicts:
+        """In how many conditions one policy succeeds more often."""
+        balances = [sum(int(one.success) - other.success for one, other in each) for each in self.pairs.values()]
+        return PairedVerdicts.of([balance > 0 for balance in balances], [balance < 0 for balance in balances])
 
     @property
     def differing(self) -> list[Pair]:
@@ -122,43 +114,34 @@ class PairedComparison:
         return [(one, other) for one, other in self.all_pairs if one.success != other.success]
 
     @property
-    def scores(self) -> dict[str, dict[str, Any]]:
-        """The paired scores of all episodes by name, `success` first."""
-        return _scores(self.all_pairs)
+    def circumstances(self) -> dict[str, Any]:
+        """What both policies were compared on, as JSON represents it."""
+        return circumstances([self.first, self.second], self.across)
 
     @property
-    def task_rates(self) -> dict[str, dict[str, Any]]:
-        """How often each task was completed where it was asked, with p-values adjusted for the number of tasks."""
-        by_task: dict[str, list[Pair]] = {}
-        for one, other in self.all_pairs:
-            for name in one.asked or {}:
-                by_task.setdefault(name, []).append((one, other))
-        rates = {name: _verdicts(by_task[name], _completed(name)) for name in sorted(by_task)}
-        adjusted = holm([rate.p_value for rate in rates.values()])
-        return {
-            name: {**_verdict_row(by_task[name], _completed(name)), "p_value_holm": _significant(p_value)}
-            for name, p_value in zip(rates, adjusted, strict=True)
-        }
+    def better(self) -> Literal["a", "b"] | None:
+        """The policy that is shown to succeed more often, `a` or `b`; None where neither is.
+
+        It is shown if p is below 0.05 and the interval of the difference excludes 0.
+        """
+        return self.scores["success"].greater
 
     @property
     def conclusion(self) -> str:
         """A sentence on which policy succeeds more often, if the episodes show that."""
-        low, high = (f"{100.0 * abs(bound):.1f}" for bound in self.success.interval)
-        if self.p_value >= _LEVEL:
-            least, greatest = (f"{100.0 * bound:+.1f}" for bound in self.success.interval)
-            return f"no difference is shown: {least} to {greatest} percentage points are compatible with these episodes"
-        if self.wins > self.losses:
-            return f"{self.first.name} succeeds more often, by {low} to {high} percentage points"
-        return f"{self.second.name} succeeds more often, by {high} to {low} percentage points"
+        success = self.scores["success"]
+        return conclusion(
+            success.difference, success.interval, self.p_value, (self.first.name, self.second.name), self.unit
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Returns all results as JSON represents them; those of success and tasks also at the top level."""
-        scores = self.scores
+        scores = {name: score.as_json() for name, score in self.scores.items()}
         success = scores["success"]
         row = {
-            "a": _policy(self.first),
-            "b": _policy(self.second),
-            **_circumstances(self),
+            "a": self._policy(self.first),
+            "b": self._policy(self.second),
+            **self.circumstances,
             **{name: success[name] for name in ("wins", "losses", "ties", "p_value")},
             **{f"{name}_difference": score["difference"] for name, score in scores.items()},
             "intervals": {f"{name}_difference": score["interval"] for name, score in scores.items()},
@@ -166,289 +149,85 @@ class PairedComparison:
             "scores": scores,
         }
         if tasks := self.task_rates:
-            row["task_rates"] = tasks
-        if len(self.pairs) > 1:
-            row["conditions"] = {name: _scores(each) for name, each in self.pairs.items()}
+            row["task_rates"] = {name: rate.as_json() for name, rate in tasks.items()}
+        if conditions := self.scores_by_condition:
+            row["conditions"] = {
+                name: {score: each.as_json() for score, each in scores.items()} for name, scores in conditions.items()
+            }
         row["differing"] = [
             {"condition": one.condition, "seed": one.seed, "succeeded": "a" if one.success else "b"}
             for one, _ in self.differing
         ]
         return row
 
+    def _policy(self, side: Side) -> dict[str, Any]:
+        arguments = {"arguments": side.arguments(self.across)} if self.across else {}
+        return {"name": side.name, "policy": PolicyRef.parse(side.policy).without_file, **arguments}
 
-def compare(a: Source, b: Source) -> PairedComparison:
+
+def compare(a: Source, b: Source, *, across: str | Sequence[str] = ()) -> PairedComparison:
     """Compares two policies on the same episodes.
 
     Args:
       a: the policy whose wins are counted: an `Evaluation`, a `Recording`, or the path of one, which is a receipt, the
         JSON of an evaluation with its episodes, or the folder of a recording.
       b: the other policy.
+      across: names of arguments of the environments, such as `variations`, that may differ and must: episodes of the
+        same seed are pairs, and their difference is what the arguments change. None by default.
 
     Returns the comparison, in which a difference is the first policy's score less the second's.
 
     Raises:
       AlteredError: a file does not agree with itself.
       OSError: a file or folder cannot be read.
-      ValueError: the episodes cannot be paired; the message names all that differs.
+      ValueError: the episodes cannot be paired; the message names all that differs. Or nothing differs in `across`.
     """
-    (comparison,) = compare_all([a, b])
+    (comparison,) = compare_all([a, b], across=across)
     return comparison
 
 
-def compare_all(sources: Sequence[Source]) -> list[PairedComparison]:
+def compare_all(sources: Sequence[Source], *, across: str | Sequence[str] = ()) -> list[PairedComparison]:
     """Compares each policy with each later one; arguments and exceptions are as in `compare`."""
     checks.integer(len(sources), "the number of policies", minimum=2, maximum=_MAX_POLICIES)
-    played = _named([*map(_side, sources)], sources)
+    played = sides_of(sources)
+    names = [*dict.fromkeys([across] if isinstance(across, str) else across)]
+    check_across(played, names)
     # Before any statistics.
-    for other in played[1:]:
-        _check_pairs(played[0], other)
+    differing = {name for other in played[1:] for name in check_pairs(played[0], other, names)}
+    for name in names:
+        if name not in differing:
+            problem = f"nothing is compared across {name!r}, which differs in no pair of episodes"
+            raise ValueError(f"{problem}: it is {checks.shown(played[0].arguments([name])[name])}")
     return [
-        PairedComparison(first=first, second=second, pairs={name: _paired(first, second, name) for name in first.specs})
+        PairedComparison(
+            first=first,
+            second=second,
+            pairs={name: _paired(first, second, name) for name in first.specs},
+            across=names,
+        )
         for first, second in itertools.combinations(played, 2)
     ]
 
 
+def compared_sides(comparisons: Sequence[PairedComparison]) -> list[Side]:
+    """Returns the policies of comparisons, each once, in order."""
+    return [*{side.name: side for each in comparisons for side in (each.first, each.second)}.values()]
+
+
 def adjusted_p_values(comparisons: Sequence[PairedComparison]) -> list[float]:
     """Returns the p-values of several comparisons, adjusted by Holm's method."""
-    return [_significant(value) for value in holm([comparison.p_value for comparison in comparisons])]
+    return [significant(value) for value in holm([comparison.p_value for comparison in comparisons])]
 
 
 def all_as_json(comparisons: Sequence[PairedComparison]) -> dict[str, Any]:
     """Returns the comparisons of more than two policies as JSON represents them."""
     rows = zip(comparisons, adjusted_p_values(comparisons), strict=True)
     return {
-        **_circumstances(comparisons[0]),
+        **circumstances(compared_sides(comparisons), comparisons[0].across),
         "comparisons": [{**comparison.as_json(), "p_value_holm": p_value} for comparison, p_value in rows],
     }
-
-
-def _side(source: Source) -> Side:
-    """Returns the policy and the episodes of a source; a ValueError if it has none that can be paired."""
-    if isinstance(source, str | Path):
-        path = Path(source)
-        if not path.exists():
-            raise FileNotFoundError(f"there is no evaluation or recording {str(source)!r}")
-        source = Recording.open(path) if (path / SPEC_FILE).is_file() else Evaluation.read(path)
-    return _evaluated(source) if isinstance(source, Evaluation) else _recorded(source)
-
-
-def _evaluated(evaluation: Evaluation) -> Side:
-    def recorded(task: SuiteTask, result: EpisodeResult) -> tuple[dict[str, Any] | None, NDArray]:
-        return result.reset or None, evaluation.traces[result.condition][result.episode].actions
-
-    plan = evaluation.plan
-    return Side(
-        name=evaluation.name,
-        policy=plan.first.policy,
-        protocol=plan.protocol,
-        specs=plan.specs,
-        results=evaluation.results,
-        recorded=recorded if evaluation.traces else None,
-        is_read=evaluation.path is not None,
-    )
-
-
-def _recorded(recording: Recording) -> Side:
-    def recorded(task: SuiteTask, result: EpisodeResult) -> tuple[dict[str, Any] | None, NDArray]:
-        episode = recording.load(result.episode)
-        return reset_options(task, episode), episode.arrays["action"]
-
-    spec = recording.spec
-    if spec.origin is not None:
-        raise ValueError(f"{recording.folder} holds episodes of another program, without seeds to pair them by")
-    if not recording.indices:
-        raise ValueError(f"{recording.folder} holds no episodes")
-    name = spec.task_name
-    with contextlib.closing(spec.without(OF_OBSERVATIONS).make_environment()) as environment:
-        task = suite_env(environment).composer_task
-        results = [
-            EpisodeResult.of(
-                task,
-                episode.last_info,
-                condition=name,
-                episode=episode.index,
-                seed=spec.seed + episode.index,
-                control_steps=episode.steps,
-            )
-            for episode in recording
-        ]
-    return Side(
-        name=recording.folder.resolve().name,
-        policy=spec.policy,
-        protocol=None,
-        specs={name: spec},
-        results={name: results},
-        recorded=recorded,
-        is_read=True,
-    )
-
-
-def _check_pairs(first: Side, second: Side) -> None:
-    """Raises a ValueError that names all that differs, unless each episode has a partner of the same circumstances.
-
-    What policies observe may differ, and the kind of processor: neither changes where an episode starts. So may whether
-    quality is measured, which changes no number of an episode.
-    """
-    if differing := [*dict.fromkeys(_differences(first, second))]:
-        raise ValueError(f"{first.name} and {second.name} cannot be compared: {'; '.join(differing)}")
-
-
-def _differences(first: Side, second: Side) -> Iterator[str]:
-    if first.protocol != second.protocol:
-        one, other = (each.protocol or "a recording, without a protocol" for each in (first, second))
-        yield f"protocol {one}, and {other}"
-    if first.first.domain_name != second.first.domain_name:
-        yield f"domain_name {first.first.domain_name!r}, and {second.first.domain_name!r}"
-        return
-    if [*first.specs] != [*second.specs]:
-        yield f"conditions {checks.shown([*first.specs])}, and {checks.shown([*second.specs])}"
-        return
-    for name, spec in first.specs.items():
-        mine = _determinants(spec, second.specs[name])
-        its = _determinants(second.specs[name], spec)
-        for what in mine:
-            if mine[what] != its[what]:
-                yield f"{what} {checks.shown(mine[what])}, and {checks.shown(its[what])}"
-    for name in first.specs:
-        yield from _different_episodes(first, second, name)
-
-
-def _determinants(spec: EpisodeSpec, other: EpisodeSpec) -> dict[str, Any]:
-    """Returns what determines an episode beside its seed and the policy, by the names that another one has as well."""
-    given = spec.without(OF_OBSERVATIONS).task_kwargs.keys() | other.without(OF_OBSERVATIONS).task_kwargs.keys()
-    arguments = given - {"quality"}
-    versions = {**dict.fromkeys(other.versions), **spec.versions}
-    return {
-        "task_name": spec.task_name,
-        "max_episode_steps": spec.max_episode_steps,
-        "seeding": spec.seeding,
-        **{name: spec.argument(name) for name in sorted(arguments)},
-        **{f"version of {name}": versions[name] for name in sorted(versions)},
-    }
-
-
-def _different_episodes(first: Side, second: Side, name: str) -> Iterator[str]:
-    """Yields which seeds of a condition one of two alone has, and which ask for something else."""
-    one = {result.seed: result for result in first.results[name]}
-    other = {result.seed: result for result in second.results[name]}
-    for mine, its, owner in ((one, other, first.name), (other, one, second.name)):
-        if alone := sorted(mine.keys() - its.keys()):
-            yield f"seeds {checks.shown(alone)} in {owner} alone"
-    common = one.keys() & other.keys()
-    if odd := sorted(seed for seed in common if _requests(one[seed]) != _requests(other[seed])):
-        yield f"goals of the episodes of seeds {checks.shown(odd)}"
-
-
-def _requests(result: EpisodeResult) -> tuple[dict[str, Any], set[str] | None]:
-    return result.reset, None if result.asked is None else {*result.asked}
-
-
-def _named(played: Sequence[Side], sources: Sequence[Source]) -> list[Side]:
-    """Returns the policies with their paths for names, or with their places, where several have the same name."""
-    names = [each.name for each in played]
-    renamed = []
-    for place, (each, source) in enumerate(zip(played, sources, strict=True), start=1):
-        if names.count(each.name) == 1:
-            renamed.append(each)
-        elif isinstance(source, str | Path):
-            renamed.append(dataclasses.replace(each, name=str(source)))
-        else:
-            renamed.append(dataclasses.replace(each, name=f"{each.name} ({place})"))
-    return renamed
 
 
 def _paired(first: Side, second: Side, condition: str) -> list[Pair]:
     by_seed = {result.seed: result for result in second.results[condition]}
     return [(result, by_seed[result.seed]) for result in first.results[condition]]
-
-
-def _policy(played: Side) -> dict[str, Any]:
-    return {"name": played.name, "policy": PolicyRef.parse(played.policy).without_file}
-
-
-def _circumstances(comparison: PairedComparison) -> dict[str, Any]:
-    first = comparison.first
-    seeds = [result.seed for each in first.results.values() for result in each]
-    varied = {spec.variations for spec in first.specs.values()}
-    return {
-        "protocol": first.protocol,
-        "domain_name": first.first.domain_name,
-        "variations": varied.pop() if len(varied) == 1 else "variations by condition",
-        "episodes": len(comparison.all_pairs),
-        "seed": min(seeds),
-        "versions": dict(first.first.versions),
-    }
-
-
-def _scores(pairs: Sequence[Pair]) -> dict[str, dict[str, Any]]:
-    """Returns the paired scores of some episodes by name: of verdicts, and of means."""
-    rows = {"success": _verdict_row(pairs, lambda result: result.success)}
-    example, partner = pairs[0]
-    if example.asked is None:
-        rows["mean_progress"] = _mean_row(pairs, lambda result: result.progress)
-    else:
-        most = max(len(one.asked or {}) for one, _ in pairs)
-        rows["mean_tasks"] = _mean_row(pairs, _tasks, greatest=float(most))
-    # One of the two may measure more, such as its quality.
-    common = {name: value for name, value in example.measures.items() if name in partner.measures}
-    for name, value in common.items():
-        of = _verdict_row if isinstance(value, bool) else _mean_row
-        rows[name] = of(pairs, _measure(name))
-    return rows
-
-
-def _tasks(result: EpisodeResult) -> int:
-    return sum(step is not None for step in (result.asked or {}).values())
-
-
-def _measure(name: str) -> Callable[[EpisodeResult], float]:
-    return lambda result: result.measures[name]
-
-
-def _completed(task: str) -> Callable[[EpisodeResult], bool]:
-    return lambda result: (result.asked or {})[task] is not None
-
-
-def _verdicts(pairs: Sequence[Pair], verdict: Callable[[EpisodeResult], float]) -> PairedVerdicts:
-    return PairedVerdicts.of([verdict(one) for one, _ in pairs], [verdict(other) for _, other in pairs])
-
-
-def _verdict_row(pairs: Sequence[Pair], verdict: Callable[[EpisodeResult], float]) -> dict[str, Any]:
-    counted = _verdicts(pairs, verdict)
-    return {
-        "episodes": counted.count,
-        "a": _rounded(sum(bool(verdict(one)) for one, _ in pairs) / counted.count),
-        "b": _rounded(sum(bool(verdict(other)) for _, other in pairs) / counted.count),
-        "difference": _rounded(counted.difference),
-        "interval": _rounded_interval(counted.interval),
-        "wins": counted.wins,
-        "losses": counted.losses,
-        "ties": counted.ties,
-        "p_value": _significant(counted.p_value),
-    }
-
-
-def _mean_row(
-    pairs: Sequence[Pair], value: Callable[[EpisodeResult], float], greatest: float = float("inf")
-) -> dict[str, Any]:
-    difference, interval = mean_difference([value(one) - value(other) for one, other in pairs], greatest=greatest)
-    return {
-        "episodes": len(pairs),
-        "a": _rounded(sum(value(one) for one, _ in pairs) / len(pairs)),
-        "b": _rounded(sum(value(other) for _, other in pairs) / len(pairs)),
-        "difference": _rounded(difference),
-        "interval": _rounded_interval(interval),
-    }
-
-
-def _rounded(value: float) -> float:
-    # Adding 0 makes a negative zero positive.
-    return round(float(value), _DECIMALS) + 0.0
-
-
-def _rounded_interval(interval: Interval) -> list[float] | None:
-    return None if interval is None else [_rounded(bound) for bound in interval]
-
-
-def _significant(p_value: float) -> float:
-    return float(f"{p_value:.{_DIGITS}g}")

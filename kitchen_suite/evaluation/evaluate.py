@@ -8,12 +8,14 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from kitchen_suite import checks, files
 from kitchen_suite.episodes.cluster import Cluster
 from kitchen_suite.episodes.episode import Waiting
 from kitchen_suite.episodes.play import make_controller
 from kitchen_suite.episodes.spec import even_count, merged_kwargs
-from kitchen_suite.evaluation.evaluation import Evaluation, check_receipt, problem_of_episode, problem_of_trace
+from kitchen_suite.evaluation.evaluation import Evaluation, check_can_be_receipt, problem_of_episode, problem_of_trace
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, TRACES_FOLDER, EvaluationFolder
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan
 from kitchen_suite.evaluation.rollout import PlayedEpisode, play_condition
@@ -98,7 +100,7 @@ def evaluate(
     )
     plan = make_plan(reference, protocol, replaced, dataset_path)
     if receipt_path is not None:
-        check_receipt(plan)
+        check_can_be_receipt(plan)
     folder = _open_folder(plan, folder_path, resume)
     found = {name: _found(plan, name, folder) for name in plan.specs}
     announce(plan)
@@ -110,8 +112,9 @@ def evaluate(
     played = {name: [folder.played[key] for key in _keys(plan, name)] for name in plan.specs}
     evaluation = Evaluation(
         plan=plan,
-        results={name: [result for result, _ in each] for name, each in played.items()},
-        traces={name: [trace for _, trace in each] for name, each in played.items()},
+        results={name: [episode.result for episode in each] for name, each in played.items()},
+        traces={name: [episode.trace for episode in each] for name, each in played.items()},
+        answer_seconds=np.concatenate([episode.answer_seconds for each in played.values() for episode in each]),
     )
     if receipt_path is not None:
         evaluation.write(receipt_path)
@@ -165,9 +168,11 @@ def _found(plan: EvaluationPlan, name: str, folder: EvaluationFolder) -> list[Ep
     results = []
     for key in _keys(plan, name):
         if key in folder.played:
-            result, trace = folder.played[key]
+            result, trace, _ = folder.played[key]
             index = key[1]
             problem = problem_of_episode(plan, name, index, result) or problem_of_trace(plan, result, trace)
+            if result.success_at_end is None:
+                problem = "does not say whether it ends in success"
             if problem or result.reset != plan.reset_options(name, index):
                 what = f"episode {index} of {name} {problem or 'asks for something else'}"
                 raise ValueError(
@@ -188,8 +193,8 @@ def _play_missing(
     progress: Callable[[EpisodeResult], object],
 ) -> None:
     """Plays the episodes of a condition that a folder lacks, and adds them to it."""
-    seed = plan.specs[name].seed
-    waiting = [(index, seed + index) for _, index in _keys(plan, name) if (name, index) not in folder.played]
+    spec = plan.specs[name]
+    waiting = [(index, spec.seed_of(index)) for _, index in _keys(plan, name) if (name, index) not in folder.played]
     if not waiting:
         return
     if cluster is None:
@@ -200,7 +205,7 @@ def _play_missing(
     with contextlib.closing(played):
         for episode in played:
             folder.add(episode)
-            progress(episode[0])
+            progress(episode.result)
 
 
 def _play(

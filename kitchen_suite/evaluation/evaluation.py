@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, suite
 from kitchen_suite.episodes.recording import SPEC_FILE
 from kitchen_suite.evaluation import quality, receipt
 from kitchen_suite.evaluation.check import Check, ReplayedResult, check_of, replayed_results
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
+from kitchen_suite.evaluation.paired_scores import PairedScore, paired_conditions
 from kitchen_suite.evaluation.plan import EvaluationPlan, check_robot
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipt import Receipt
@@ -38,6 +40,8 @@ class Evaluation:
         read from JSON, which has none.
       machine: kind of processor that played the episodes; empty where the evaluation was read from JSON.
       path: the file that it was read from; None for one that was played by this process.
+      answer_seconds: `(t,)`, how long each answer of the policy took [s], of those that were played by this call; files
+        have no times.
     """
 
     plan: EvaluationPlan
@@ -45,6 +49,7 @@ class Evaluation:
     traces: Mapping[str, Sequence[Trace]] = dataclasses.field(default_factory=dict)
     machine: str = dataclasses.field(default_factory=machine)
     path: Path | None = None
+    answer_seconds: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     @property
     def name(self) -> str:
@@ -67,6 +72,16 @@ class Evaluation:
         return _overall(self.plan, self.scores_by_condition)
 
     @property
+    def shifts(self) -> dict[str, dict[str, PairedScore]]:
+        """What each condition changes, where the protocol has a control arm, as `shift` has; else empty.
+
+        By condition and by name of a score, `success` first: the score of the condition, `a`, less that of the control
+        arm, `b`, in episodes of the same seed, with its interval, and p-values adjusted for the number of conditions.
+        """
+        control = self.plan.control
+        return paired_conditions(self.results, control) if control is not None else {}
+
+    @property
     def constant_successes(self) -> tuple[int, int]:
         """Number of episodes that reach something by one and the same action, such as zeros, and of all such.
 
@@ -79,6 +94,17 @@ class Evaluation:
                     total += 1
                     constant += bool((trace.actions == trace.actions[:1]).all())
         return constant, total
+
+    @property
+    def latency(self) -> tuple[float, float] | None:
+        """Median and 95th percentile of the time that the policy's answers took [s]; None where none was played.
+
+        An answer is the action for one observation, or the actions for a batch of them.
+        """
+        if not self.answer_seconds.size:
+            return None
+        middle, late = np.quantile(self.answer_seconds, (0.5, 0.95))
+        return float(middle), float(late)
 
     @property
     def episode_rows(self) -> dict[str, list[dict[str, Any]]]:
@@ -105,7 +131,7 @@ class Evaluation:
             self.write_json(path)
         elif path.suffix == ".npz":
             self.require_actions("a receipt is made of")
-            check_receipt(self.plan)
+            check_can_be_receipt(self.plan)
             contents = Receipt(
                 evaluation=self.as_json(),
                 replaced=self.plan.replaced,
@@ -183,7 +209,7 @@ class Evaluation:
                 progress(episode)
 
 
-def check_receipt(plan: EvaluationPlan) -> None:
+def check_can_be_receipt(plan: EvaluationPlan) -> None:
     """Raises a ValueError unless a receipt of a plan's episodes could be read and checked."""
     if plan.first.domain_name not in suite.DOMAINS:
         raise ValueError(f"a receipt of domain {plan.first.domain_name!r} could not be verified: it is not the suite's")
@@ -285,6 +311,8 @@ def _agreeing_plan(record: Mapping[str, Any], results: Mapping[str, Sequence[Epi
         for index, result in enumerate(each):
             if problem := problem_of_episode(plan, name, index, result):
                 raise ValueError(f"episode {index} of {name} {problem}: the file was altered")
+    if len({result.success_at_end is None for each in results.values() for result in each}) > 1:
+        raise ValueError("some episodes alone say whether they end in success: the file was altered")
     written = _as_json(plan, results)
     if difference := files.first_difference(record, written):
         raise ValueError(f"the file was altered: {difference}, which follows from its episodes")
@@ -296,7 +324,7 @@ def _agreeing_plan(record: Mapping[str, Any], results: Mapping[str, Sequence[Epi
 
 def problem_of_episode(plan: EvaluationPlan, name: str, index: int, result: EpisodeResult) -> str:
     """Returns what is wrong with an episode by itself; empty if nothing is."""
-    if (result.condition, result.episode, result.seed) != (name, index, plan.first.seed + index):
+    if (result.condition, result.episode, result.seed) != (name, index, plan.first.seed_of(index)):
         return "is another one"
     if not np.isfinite([result.progress, *result.measures.values()]).all():
         return "has numbers that are not finite"
@@ -310,9 +338,28 @@ def problem_of_episode(plan: EvaluationPlan, name: str, index: int, result: Epis
         return f"completes tasks at control steps {steps}, of {result.control_steps}"
     if result.diverged and (result.success or steps):
         return "has diverged, and completed something"
+    if problem := _problem_of_success(plan, result):
+        return problem
     clean = result.measures.get(quality.CLEAN_SUCCESS, False)
     if not isinstance(clean, bool) or (clean and not result.success):
         return f"has {quality.CLEAN_SUCCESS} {clean}, and success {result.success}"
+    return ""
+
+
+def _problem_of_success(plan: EvaluationPlan, result: EpisodeResult) -> str:
+    """Returns what is wrong with when an episode succeeded, and whether that lasted; empty if nothing is."""
+    at_end = result.success_at_end
+    steps = result.steps_to_success
+    if at_end is None:
+        return "" if steps is None else "succeeds at a control step, and not whether at its end"
+    if result.diverged and (at_end or steps is not None):
+        return "has diverged, and succeeded"
+    if at_end and not result.success:
+        return "succeeds at its end, and does not succeed"
+    if result.success and steps is None:
+        return "succeeds at no control step"
+    if steps is not None and steps > result.control_steps:
+        return f"succeeds at control step {steps}, of {result.control_steps}"
     return ""
 
 

@@ -65,7 +65,7 @@ class EvaluationFolder:
 
     def add(self, played: PlayedEpisode) -> None:
         """Adds an episode: first its trace, so that an episode with a line has one."""
-        result, trace = played
+        result, trace, _ = played
         if self._folder:
             path = self._trace_path(self._folder, result)
             with files.made_folder(path.parent):
@@ -95,7 +95,7 @@ class EvaluationFolder:
                 continue
             with files.reading(trace_path, "the trace of an episode"), trace_path.open("rb") as file:
                 (trace,) = unstacked(files.unpack_arrays(file), 1)
-            self.played[result.condition, result.episode] = result, trace
+            self.played[result.condition, result.episode] = PlayedEpisode(result, trace)
         if torn:
             os.truncate(path, path.stat().st_size - len(torn))
 

@@ -1,12 +1,13 @@
 """Statistics of two policies that played the same episodes.
 
 Comparing each episode with its partner removes what makes an episode hard for both policies, such as its start, so that
-fewer episodes show the same difference than with two samples of different episodes.
+fewer episodes show the same difference than with two samples of different episodes. Where episodes are in clusters,
+such as kitchens, whole clusters are compared.
 """
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -132,10 +133,64 @@ def mean_difference(differences: ArrayLike, *, greatest: float = math.inf) -> tu
     return middle, (math.ldexp(low, exponent), math.ldexp(high, exponent))
 
 
-def _bootstrap(values: NDArray[np.float64]) -> tuple[float, float]:
+def cluster_difference(
+    differences: ArrayLike, clusters: Sequence[Hashable], *, greatest: float = math.inf
+) -> tuple[float, Interval]:
+    """Returns the mean of the differences `(n,)` of paired episodes in clusters, such as kitchens, and its interval.
+
+    Episodes of a cluster are more alike than those of two, so that SciPy's bootstrap draws whole clusters, and the
+    interval is that of all clusters that could have been drawn. All else is as in `mean_difference`.
+
+    Args:
+      differences: of the episodes, finite.
+      clusters: to which each of them belongs.
+      greatest: absolute value that no difference exceeds.
+    """
+    totals, sizes = cluster_totals(differences, clusters)
+    scaled, exponent = scale(totals)
+    middle = math.ldexp(scaled.sum() / sizes.sum(), exponent)
+    if are_equal(totals / sizes):
+        return middle, possible_means(middle, sizes.size, low=-greatest, high=greatest)
+    low, high = _bootstrap(scaled, sizes)
+    return middle, (math.ldexp(low, exponent), math.ldexp(high, exponent))
+
+
+def cluster_totals(values: ArrayLike, clusters: Sequence[Hashable]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the sum of the values `(n,)` in each cluster `(k,)`, and how many values each has `(k,)`."""
+    places: dict[Hashable, int] = {}
+    indices = [places.setdefault(cluster, len(places)) for cluster in clusters]
+    totals = np.bincount(indices, weights=np.asarray(values, np.float64)).astype(np.float64)
+    return totals, np.bincount(indices).astype(np.float64)
+
+
+def permutation_p_value(totals: ArrayLike) -> float:
+    """Returns the exact p-value of the test that swaps both policies in whole clusters.
+
+    Between equal policies the sign of each cluster's total is a coin. The p-value is the probability that the sum of
+    totals with such signs is as far from 0 as the observed one: of all `2^k` signs, which are not drawn, but counted by
+    their sums. With one episode in each cluster it is McNemar's exact one. Source: R. A. Fisher, The Design of
+    Experiments (1935), chapter 3.
+
+    Args:
+      totals: wins less losses in each cluster `(k,)`, whole numbers.
+    """
+    wholes = np.asarray(totals, np.int64)
+    # Probabilities of the sums of those totals whose coin shows heads.
+    probabilities = np.ones(1)
+    for total in np.abs(wholes[wholes != 0]):
+        tails, heads = np.pad(probabilities, (0, total)), np.pad(probabilities, (total, 0))
+        probabilities = (tails + heads) / 2.0
+    greatest = probabilities.size - 1
+    sums = 2 * np.arange(probabilities.size) - greatest
+    return min(1.0, float(probabilities[np.abs(sums) >= abs(wholes.sum())].sum()))
+
+
+def _bootstrap(values: NDArray[np.float64], sizes: NDArray[np.float64] | None = None) -> tuple[float, float]:
+    """Returns the limits of the mean of values `(n,)`, or of the sum of values per size, both of clusters."""
     result = stats.bootstrap(
-        (values,),
-        np.mean,
+        (values,) if sizes is None else (values, sizes),
+        np.mean if sizes is None else _ratio,
+        paired=sizes is not None,
         confidence_level=CONFIDENCE,
         n_resamples=_RESAMPLES,
         batch=max(1, _BATCH_NUMBERS // values.size),
@@ -143,6 +198,11 @@ def _bootstrap(values: NDArray[np.float64]) -> tuple[float, float]:
     )
     interval = result.confidence_interval
     return float(interval.low), float(interval.high)
+
+
+def _ratio(totals: NDArray[np.float64], sizes: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
+    quotients: NDArray[np.float64] = totals.sum(axis=axis) / sizes.sum(axis=axis)
+    return quotients
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

@@ -15,7 +15,16 @@ from kitchen_suite.entities.arms import FRANKA
 from kitchen_suite.episodes.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.evaluation import criteria, goals, quality
 from kitchen_suite.evaluation.goals import check_franka
-from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Measure, Protocol, Score, domain_protocols
+from kitchen_suite.evaluation.protocols import (
+    EPISODE,
+    PROTOCOLS,
+    Condition,
+    Goals,
+    Measure,
+    Protocol,
+    Score,
+    domain_protocols,
+)
 from kitchen_suite.evaluation.scores import MAX_SEED, EpisodeResult, score_episodes, score_sample
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyRef
@@ -111,6 +120,17 @@ class EvaluationPlan:
         """Whether the conditions are a sample of many more, and scores are means over them."""
         protocol = PROTOCOLS[self.protocol]
         return bool(protocol.sampled) and len(self.specs) == len(protocol.conditions)
+
+    @property
+    def unit(self) -> str:
+        """What counts as one observation, such as an episode: see `Protocol.unit`."""
+        return PROTOCOLS[self.protocol].unit if self.is_sample else EPISODE
+
+    @property
+    def control(self) -> str | None:
+        """The control arm, the condition with which others are compared in pairs; None where there is none."""
+        has_control = PROTOCOLS[self.protocol].has_control and len(self.specs) > 1
+        return next(iter(self.specs)) if has_control else None
 
     def scores(self, results: Sequence[EpisodeResult]) -> dict[str, Any]:
         """Returns the scores of the episodes of a condition, see `score_episodes`."""

@@ -23,6 +23,9 @@ UNSEEN_SEED = 400_000_000
 # group does not change the protocol.
 SHIFT_GROUPS = ("start", "layout", "dynamics", "sensing", "appearance", "camera")
 
+# What counts as one observation, where conditions are no sample.
+EPISODE = "episode"
+
 # Control steps of an episode of FrankaKitchen-v1 and of the publications on it.
 KITCHEN_STEPS = 280
 
@@ -80,6 +83,8 @@ class Protocol:
         its conditions, which are left out where an evaluation replaces what they depend on.
       sampled: its scores, as means over all conditions, where these are a sample of many more, as kitchens are; empty
         where each condition has scores of its own.
+      unit: what counts as one observation: an episode, or what each of the sampled conditions is, such as a kitchen.
+      has_control: whether the first condition is the control arm, with which the others are compared in pairs.
       differences: what is not as in the source, in a sentence; empty if nothing is known to be.
     """
 
@@ -93,6 +98,8 @@ class Protocol:
     score: Score | None = None
     overall: Callable[[Mapping[str, Mapping[str, Any]]], dict[str, float]] = lambda scores: {}
     sampled: tuple[str, ...] = ()
+    unit: str = EPISODE
+    has_control: bool = False
     differences: str = ""
 
 
@@ -304,6 +311,7 @@ _PROTOCOLS = (
         conditions=_SHIFTS,
         num_episodes=100,
         domain_name=None,
+        has_control=True,
     ),
     Protocol(
         name="unseen-kitchens",
@@ -312,6 +320,7 @@ _PROTOCOLS = (
         num_episodes=UNSEEN_EPISODES,
         domain_name="kitchens",
         sampled=("success",),
+        unit="kitchen",
     ),
 )
 

@@ -6,10 +6,11 @@ import kitchen_suite.rendering.without_gl  # noqa: F401
 import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from dm_control.rl.control import PhysicsError
+from numpy.typing import NDArray
 
 from kitchen_suite.episodes.episode import Waiting, Watch
 from kitchen_suite.episodes.play import Controller, VectorEpisode, VectorRollout, episode_name
@@ -23,11 +24,21 @@ from kitchen_suite.evaluation.traces import Trace, TraceRecorder
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.observations import OF_OBSERVATIONS
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
-from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-PlayedEpisode = tuple[EpisodeResult, Trace]
-"""The result and the trace of an episode."""
+
+class PlayedEpisode(NamedTuple):
+    """An episode that has been played.
+
+    Attributes:
+      result: of the episode.
+      trace: its actions, and digests of its numbers.
+      answer_seconds: `(T,)`, how long the policy's answer of each control step took [s]; nothing is kept of it.
+    """
+
+    result: EpisodeResult
+    trace: Trace
+    answer_seconds: NDArray[np.float64] = np.zeros(0)
 
 
 def play_condition(
@@ -46,28 +57,38 @@ def play_condition(
     recorder = TraceRecorder(environments, controller)
     for index, episode in VectorRollout(environments, recorder, plan.resets.get(name, ())).play(waiting):
         reset = plan.reset_options(name, index)
-        key = {"condition": name, "episode": index, "seed": spec.seed + index, "reset": reset}
-        result = _result(environments.composer_task, spec, episode, key)
+        key = {"condition": name, "episode": index, "seed": spec.seed_of(index), "reset": reset}
+        result = _result(environments, spec, episode, key)
         trace = recorder.trace(episode)
         if measures:
             states = recorder.observations(episode)[:, criteria.STATE]
             goals = np.array(reset.get(GOAL_STATES, ()))
             own = {key: of(states, goals) for key, of in measures.items()}
             result = dataclasses.replace(result, measures={**own, **result.measures})
-        yield result, trace
+        yield PlayedEpisode(result, trace, recorder.answer_seconds(episode))
 
 
-def _result(task: SuiteTask, spec: EpisodeSpec, episode: VectorEpisode, key: Mapping[str, Any]) -> EpisodeResult:
+def _result(
+    environments: SuiteVectorEnv, spec: EpisodeSpec, episode: VectorEpisode, key: Mapping[str, Any]
+) -> EpisodeResult:
     """Returns the result of an episode; of one whose physics has diverged that of its start, as a failure."""
     if not episode.diverged:
         infos = episode.last_info
-        result = EpisodeResult.of(task, infos, control_steps=int(infos["episode_step"]), **key)
+        result = EpisodeResult.of(
+            environments.composer_task,
+            infos,
+            control_steps=int(infos["episode_step"]),
+            success_at_end=bool(environments.present_success[episode.i]),
+            steps_to_success=episode.steps_to_success,
+            **key,
+        )
         return _with_quality(result, spec, infos)
     with contextlib.closing(spec.make_environment()) as environment:
         _, infos = reset_to_seed(environment, key["seed"], spec.seeding, key["reset"])
         task = suite_env(environment).composer_task
         result = EpisodeResult.of(task, infos, control_steps=spec.max_episode_steps, diverged=True, **key)
-    return _with_quality(dataclasses.replace(result, success=False), spec, infos)
+    failed = dataclasses.replace(result, success=False, success_at_end=False)
+    return _with_quality(failed, spec, infos)
 
 
 def _with_quality(result: EpisodeResult, spec: EpisodeSpec, infos: Mapping[str, Any]) -> EpisodeResult:

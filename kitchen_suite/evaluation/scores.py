@@ -137,6 +137,10 @@ class EpisodeResult:
       asked: the tasks that it asked for, each with the control step of its completion or None; None for tasks that
         cannot be counted.
       diverged: whether its physics diverged; it then counts as a failure of the greatest length, at its start.
+      success_at_end: whether all that it asked for held after its last control step; None where that was not kept, as
+        by version 1.0.
+      steps_to_success: control step at which it first succeeded, 0 for the reset; None if it never did, or where that
+        was not kept.
       measures: further measures of its protocol by name.
       reset: options of its reset, as JSON; empty where its seed says it all.
     """
@@ -149,6 +153,8 @@ class EpisodeResult:
     control_steps: Count
     asked: dict[str, Count | None] | None = None
     diverged: bool = False
+    success_at_end: bool | None = None
+    steps_to_success: Count | None = None
     measures: dict[str, bool | float] = dataclasses.field(default_factory=dict)
     reset: dict[str, Any] = dataclasses.field(default_factory=dict)
 
@@ -172,9 +178,18 @@ class EpisodeResult:
             **others,
         )
 
+    def with_fields_of(self, other: "EpisodeResult") -> "EpisodeResult":
+        """Returns the result without what another one does not say."""
+        if other.success_at_end is not None:
+            return self
+        return dataclasses.replace(self, success_at_end=None, steps_to_success=None)
+
     def as_json(self) -> dict[str, Any]:
-        """Returns the result as JSON represents it."""
-        return dataclasses.asdict(self)
+        """Returns the result as JSON represents it; without what was not kept, as version 1.0 wrote it."""
+        record = dataclasses.asdict(self)
+        if self.success_at_end is None:
+            del record["success_at_end"], record["steps_to_success"]
+        return record
 
 
 def score_episodes(
@@ -210,6 +225,7 @@ def score_episodes(
             rate(values) if isinstance(example, bool) else mean(values, low=quality.INFOS.get(name, -math.inf))
         )
     measured["success"] = rate([result.success for result in results])
+    measured |= _lasting(results, max_episode_steps)
     measured["control_steps"] = mean([result.control_steps for result in results], low=1.0, high=max_episode_steps)
     return {
         **{name: round(value, _DECIMALS) for name, (value, _) in measured.items()},
@@ -217,6 +233,18 @@ def score_episodes(
         **further,
         "diverged_seeds": [result.seed for result in results if result.diverged],
     }
+
+
+def _lasting(results: Sequence[EpisodeResult], max_episode_steps: float) -> dict[str, tuple[float, Interval]]:
+    """Returns how many episodes end in success, and how soon those that reach it do; nothing where it was not kept."""
+    at_end = [result.success_at_end for result in results if result.success_at_end is not None]
+    if not at_end:
+        return {}
+    measured = {"success_at_end": rate(at_end)}
+    steps = [result.steps_to_success for result in results if result.steps_to_success is not None]
+    if steps:
+        measured["steps_to_success"] = mean(steps, low=0.0, high=max_episode_steps)
+    return measured
 
 
 def score_sample(scores: Mapping[str, Mapping[str, Any]], names: Sequence[str]) -> dict[str, Any]:

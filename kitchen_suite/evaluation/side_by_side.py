@@ -6,7 +6,7 @@ import kitchen_suite.rendering.without_gl  # noqa: F401
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +18,10 @@ from kitchen_suite.episodes.episode import EpisodeBuffer
 from kitchen_suite.episodes.play import episode_name
 from kitchen_suite.episodes.replay import replayed_steps
 from kitchen_suite.episodes.video import frame_stride, open_video
-from kitchen_suite.evaluation.compare import Pair, PairedComparison, Side
+from kitchen_suite.evaluation.compare import PairedComparison
+from kitchen_suite.evaluation.paired_scores import Pair
 from kitchen_suite.evaluation.scores import EpisodeResult
+from kitchen_suite.evaluation.sides import Side
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.observations import OF_OBSERVATIONS
 from kitchen_suite.rendering import cameras
@@ -59,7 +61,7 @@ def check_replays(comparison: PairedComparison) -> None:
             raise ValueError(f"{each.name} has no actions to play again: write a receipt, and compare that")
 
 
-def replayed(played: Side, result: EpisodeResult, render_quality: str = "fast") -> Iterator[Step]:
+def replayed(played: Side, result: EpisodeResult, render_quality: str = "fast") -> Generator[Step, None, None]:
     """Plays the actions of an episode again; yields it with its environment after the reset and after every step."""
     assert played.recorded
     spec = played.specs[result.condition].without(OF_OBSERVATIONS)
@@ -105,14 +107,19 @@ def frames(comparison: PairedComparison, pair: Pair, picture: Picture, stride: i
     ended.
     """
     played = (comparison.first, comparison.second)
-    halves = [_half(each, result, picture, stride) for each, result in zip(played, pair, strict=True)]
     shown = [np.zeros((picture.height, picture.width // 2, 3), np.uint8)] * 2
-    for both in itertools.zip_longest(*halves):
-        shown = [old if new is None else new for new, old in zip(both, shown, strict=True)]
-        yield np.concatenate(shown, axis=1)
+    with contextlib.ExitStack() as stack:
+        halves = [_half(each, result, picture, stride) for each, result in zip(played, pair, strict=True)]
+        for half in halves:
+            stack.enter_context(contextlib.closing(half))
+        for both in itertools.zip_longest(*halves):
+            shown = [old if new is None else new for new, old in zip(both, shown, strict=True)]
+            yield np.concatenate(shown, axis=1)
 
 
-def _half(played: Side, result: EpisodeResult, picture: Picture, stride: int) -> Iterator[NDArray[np.uint8]]:
+def _half(
+    played: Side, result: EpisodeResult, picture: Picture, stride: int
+) -> Generator[NDArray[np.uint8], None, None]:
     """Yields the frames of one policy's episode; the last one, at its end, says whether it succeeded."""
     for buffer, environment in replayed(played, result, picture.render_quality):
         has_ended = buffer.steps == result.control_steps
@@ -159,8 +166,9 @@ def _both(comparison: PairedComparison, pair: Pair) -> Iterator[tuple[Step, Step
     """Yields the steps of an episode of both policies; of that which ends first, the last one again."""
     played = (comparison.first, comparison.second)
     first, second = (replayed(each, result) for each, result in zip(played, pair, strict=True))
-    one, other = next(first), next(second)
-    yield one, other
-    for following, other_following in itertools.zip_longest(first, second):
-        one, other = following or one, other_following or other
+    with contextlib.closing(first), contextlib.closing(second):
+        one, other = next(first), next(second)
         yield one, other
+        for following, other_following in itertools.zip_longest(first, second):
+            one, other = following or one, other_following or other
+            yield one, other

@@ -9,16 +9,21 @@ from kitchen_suite.episodes.replay import Verdict
 from kitchen_suite.episodes.report import WIDTH, counted, paragraph, table
 from kitchen_suite.evaluation import quality
 from kitchen_suite.evaluation.check import Check, ReplayedResult
-from kitchen_suite.evaluation.compare import PairedComparison, all_as_json
+from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, compared_sides
 from kitchen_suite.evaluation.evaluation import Evaluation
+from kitchen_suite.evaluation.methods import Method, MethodComparison
+from kitchen_suite.evaluation.paired_scores import RATE, PairedScore, rounded
 from kitchen_suite.evaluation.plan import EvaluationPlan
-from kitchen_suite.evaluation.scores import EpisodeResult
+from kitchen_suite.evaluation.scores import EpisodeResult, Interval
+from kitchen_suite.evaluation.sides import Side, circumstances
+from kitchen_suite.evaluation.training_seeds import Estimate
 from kitchen_suite.gymnasium_env.observations import OF_PICTURES
 from kitchen_suite.policies import PolicyRef
+from kitchen_suite.tasks.variations.distributions import NONE
 from kitchen_suite.versions import machine
 
 # Beginnings of the names of scores that are means in a unit of their own; all others are rates.
-_MEANS = ("mean_", "control_steps", "score", "d4rl_score", "subtasks", *quality.INFOS)
+_MEANS = ("mean_", "control_steps", "steps_to_success", "score", "d4rl_score", "subtasks", *quality.INFOS)
 _ENTROPY = "order entropy [bit]"
 _INTERVAL = "95 % interval"
 
@@ -183,6 +188,20 @@ def format_overall(overall: Mapping[str, float], table_format: str = "text") -> 
     return table(("over all conditions", ""), rows, table_format)
 
 
+def format_shifts(shifts: Mapping[str, Mapping[str, PairedScore]], control: str, table_format: str = "text") -> str:
+    """Returns a table for each score of what conditions change, in pairs with episodes of the control arm."""
+    tables = []
+    for name, example in next(iter(shifts.values())).items():
+        header = [f"{label(name)}, less that of {control!r} in pairs", "difference", _INTERVAL]
+        rows = [[condition, *_cells(scores[name])[2:]] for condition, scores in shifts.items()]
+        if example.p_value_holm is not None:
+            header.append("p (Holm)")
+            for row, scores in zip(rows, shifts.values(), strict=True):
+                row.append(p_text(scores[name].p_value_holm))
+        tables.append(table(header, rows, table_format))
+    return "\n\n".join(tables)
+
+
 def format_sample(
     scores: Mapping[str, Any], results: Mapping[str, Sequence[EpisodeResult]], table_format: str = "text"
 ) -> str:
@@ -224,9 +243,19 @@ def format_totals(evaluation: Evaluation, table_format: str = "text") -> str:
         parts = [format_sample(evaluation.scores, evaluation.results, table_format)]
     else:
         parts = [format_summary(evaluation.scores_by_condition, table_format)]
+    if shifts := evaluation.shifts:
+        parts.append(format_shifts(shifts, str(evaluation.plan.control), table_format))
     if overall := evaluation.overall:
         parts.append(format_overall(overall, table_format))
     return "\n\n".join(parts)
+
+
+def format_latency(evaluation: Evaluation) -> str:
+    """Returns how long the policy's answers took; empty where none was played."""
+    if evaluation.latency is None:
+        return ""
+    middle, late = (1_000 * seconds for seconds in evaluation.latency)
+    return f"an answer of the policy took {middle:.3g} ms (median), and 95 % at most {late:.3g} ms"
 
 
 def format_changes(plan: EvaluationPlan) -> str:
@@ -246,67 +275,144 @@ def format_comparison(comparison: PairedComparison, table_format: str = "text") 
 
     `table_format` is one of `report.TABLE_FORMATS`.
     """
-    record = comparison.as_json()
-    one, other = record["a"]["name"], record["b"]["name"]
+    names = comparison.first.name, comparison.second.name
     parts = [
-        paragraph(_compared_heading(record, [comparison]), table_format),
-        _score_table(record["scores"], one, other, table_format),
-        paragraph(_outcome(record, one, other), table_format),
+        paragraph(_compared_heading([comparison]), table_format),
+        _score_table(comparison.scores, names, table_format),
+        paragraph(_outcome(comparison), table_format),
     ]
-    if "conditions" in record:
-        success = {name: scores["success"] for name, scores in record["conditions"].items()}
-        parts.append(_verdict_table("success by condition", success, one, other, "p_value", table_format))
-    if "task_rates" in record:
-        parts.append(
-            _verdict_table("completed, by task", record["task_rates"], one, other, "p_value_holm", table_format)
-        )
+    # A row for each condition of a sample would be long, and each has few episodes.
+    if len(comparison.pairs) > 1 and not comparison.is_sample:
+        success = {name: scores["success"] for name, scores in comparison.scores_by_condition.items()}
+        parts.append(_verdict_table("success by condition", success, names, table_format))
+    if tasks := comparison.task_rates:
+        parts.append(_verdict_table("completed, by task", tasks, names, table_format))
     return "\n\n".join(parts)
 
 
 def format_comparisons(comparisons: Sequence[PairedComparison], table_format: str = "text") -> str:
     """Returns what several policies are compared on, and a table of all pairs."""
-    record = all_as_json(comparisons)
     rows = []
-    for each in record["comparisons"]:
-        success = each["scores"]["success"]
-        names = f"{each['a']['name']} - {each['b']['name']}"
-        rows.append((names, *_verdict_cells(success), p_text(success["p_value"]), p_text(each["p_value_holm"])))
+    for each, p_value in zip(comparisons, adjusted_p_values(comparisons), strict=True):
+        success = each.scores["success"]
+        rows.append((_both_names(each), *_verdict_cells(success), p_text(success.p_value), p_text(p_value)))
     header = ("success", "first", "second", "difference", _INTERVAL, "wins", "losses", "p", "p (Holm)")
-    means = _mean_rows(record["comparisons"])
+    others = _rows_of_other_scores(comparisons)
     parts = [
-        paragraph(_compared_heading(record, comparisons), table_format),
+        paragraph(_compared_heading(comparisons), table_format),
         table(header, rows, table_format),
-        *(table((name, *header[1:5]), lines, table_format) for name, lines in means.items()),
+        *(table((name, *header[1:5]), lines, table_format) for name, lines in others.items()),
         paragraph(_explained(len(rows)), table_format),
     ]
     return "\n\n".join(parts)
 
 
-def p_text(p_value: float) -> str:
-    """Returns a p-value as tables show it."""
+def format_methods(comparison: MethodComparison, table_format: str = "text") -> str:
+    """Returns what two methods are compared on, tables of their scores and of the differences, and the conclusion.
+
+    The first table has a row a method and a column a score. `table_format` is one of `report.TABLE_FORMATS`.
+    """
+    scores = comparison.scores.values()
+    rows = [
+        _method_row(comparison.first, [(score.a, score.unit) for score in scores]),
+        _method_row(comparison.second, [(score.b, score.unit) for score in scores]),
+    ]
+    differences = []
+    for name, score in comparison.scores.items():
+        value, interval, p_value = score.difference
+        cells = _signed(value, score.unit), _signed_interval(interval, score.unit), p_text(p_value)
+        differences.append((label(name), *cells))
+    one, other = comparison.first.name, comparison.second.name
+    parts = [
+        paragraph(_methods_heading(comparison), table_format),
+        table(("method", "training seeds", *map(label, comparison.scores)), rows, table_format),
+        table((f"{one} - {other}", "difference", _INTERVAL, "p"), differences, table_format),
+        paragraph(textwrap.fill(comparison.conclusion, WIDTH), table_format),
+    ]
+    return "\n\n".join(parts)
+
+
+def _method_row(method: Method, means: Sequence[tuple[Estimate, str]]) -> tuple[str, ...]:
+    cells = (f"{_in_unit(mean.value, unit)} ({_span(mean.interval, unit)})" for mean, unit in means)
+    return method.name, str(len(method.seeds)), *cells
+
+
+def _methods_heading(comparison: MethodComparison) -> str:
+    """Returns what methods are compared on, and the success of each training seed."""
+    methods = comparison.first, comparison.second
+    counts = " and ".join(f"{len(each.seeds)} training seeds of {each.name}" for each in methods)
+    lines = [f"{_compared_on(comparison.circumstances, 'of each policy')}; {counts}"]
+    for method in methods:
+        seeds = zip(method.seeds, method.successes, strict=True)
+        successes = ", ".join(f"{side.name} {_in_unit(success, RATE)}" for side, success in seeds)
+        lines.append(f"{method.name}: success of {successes}")
+    return "\n".join([*lines, *_not_replayed(comparison.sides)])
+
+
+def _span(interval: Interval, unit: str) -> str:
+    """Returns an interval as a cell has it beside its number."""
+    return "no interval" if interval is None else " to ".join(_in_unit(bound, unit) for bound in interval)
+
+
+def p_text(p_value: float | None) -> str:
+    """Returns a p-value as tables show it; empty where there is none."""
+    if p_value is None:
+        return ""
     return f"{p_value:.2g}" if p_value < 0.01 else f"{p_value:.2f}"
 
 
-def _compared_heading(record: Mapping[str, Any], comparisons: Sequence[PairedComparison]) -> str:
+def _compared_heading(comparisons: Sequence[PairedComparison]) -> str:
     """Returns what is compared on which episodes, a line for each policy, and what nobody has checked."""
-    what = f"protocol {record['protocol']}" if record["protocol"] else "recordings"
-    count = counted(record["episodes"])
-    lines = [f"{record['domain_name']}, {what}, {record['variations']}: {count} in pairs, seeds from {record['seed']}"]
-    sides = {side.name: side for each in comparisons for side in (each.first, each.second)}
-    for name, side in sides.items():
+    sides = compared_sides(comparisons)
+    across = comparisons[0].across
+    lines = [_compared_on(circumstances(sides), "in pairs")]
+    if across:
+        lines.append(f"compared across {', '.join(across)}: pairs have the same seed, and differ in this")
+    for side in sides:
         policy = PolicyRef.parse(side.policy).without_file
-        lines.append(name if name == policy else f"{name}: policy {policy}")
-    if read := [name for name, side in sides.items() if side.is_read]:
-        lines.append(f"not replayed, as kitchen-replay does: {', '.join(read)}")
-    return "\n".join(lines)
+        own = [] if side.name == policy else [f"policy {policy}"]
+        own += [f"{argument} {_value(argument, value)}" for argument, value in side.arguments(across).items()]
+        lines.append(f"{side.name}: {', '.join(own)}" if own else side.name)
+    return "\n".join([*lines, *_not_replayed(sides)])
 
 
-def _outcome(record: Mapping[str, Any], one: str, other: str) -> str:
+def _compared_on(record: Mapping[str, Any], how: str) -> str:
+    """Returns the line on the episodes of a comparison, given its `circumstances`."""
+    what = f"protocol {record['protocol']}" if record["protocol"] else "recordings"
+    count = f"{counted(record['episodes'])} {how}"
+    if "unit" in record:
+        count = f"{count}, of {record['clusters']} {record['unit']}s, which are the unit"
+    return f"{record['domain_name']}, {what}, {record['variations']}: {count}, seeds from {record['seed']}"
+
+
+def _not_replayed(sides: Sequence[Side]) -> list[str]:
+    """Returns a line on the files that were read; nothing if there are none."""
+    read = [side.name for side in sides if side.is_read]
+    return [f"not replayed, as kitchen-replay does: {', '.join(read)}"] if read else []
+
+
+def _value(argument: str, value: Any) -> str:
+    """Returns the value of an argument of the environments as text."""
+    return _text(value or NONE) if argument == "variations" else _text(value)
+
+
+def _outcome(comparison: PairedComparison) -> str:
+    one, other = comparison.first.name, comparison.second.name
+    p_value = p_text(comparison.p_value)
     counts = (
-        f"{counted(record['wins'])} that {one} alone succeeds in, {record['losses']} that {other} alone succeeds in, "
-        f"{record['ties']} alike; exact McNemar p = {p_text(record['p_value'])}"
+        f"{counted(comparison.wins)} that {one} alone succeeds in, {comparison.losses} that {other} alone succeeds in, "
+        f"{comparison.ties} alike"
     )
-    return "\n".join(textwrap.fill(line, WIDTH) for line in (counts, record["conclusion"]))
+    if comparison.is_sample:
+        lead = comparison.leading
+        of_sample = (
+            f"{lead.wins} {comparison.unit}s in which {one} succeeds more often, {lead.losses} in which {other} does, "
+            f"{lead.ties} alike; exact p by permutation of {comparison.unit}s = {p_value}"
+        )
+        lines = [counts, of_sample, comparison.conclusion]
+    else:
+        lines = [f"{counts}; exact McNemar p = {p_value}", comparison.conclusion]
+    return "\n".join(textwrap.fill(line, WIDTH) for line in lines)
 
 
 def _explained(pairs: int) -> str:
@@ -314,49 +420,63 @@ def _explained(pairs: int) -> str:
     return textwrap.fill(text, WIDTH)
 
 
-def _score_table(scores: Mapping[str, Mapping[str, Any]], one: str, other: str, table_format: str) -> str:
-    rows = []
-    for name, row in scores.items():
-        p_value = p_text(row["p_value"]) if "p_value" in row else ""
-        rows.append((label(name), *_cells(name, row), p_value))
-    return table(("score", one, other, "difference", _INTERVAL, "p"), rows, table_format)
+def _both_names(comparison: PairedComparison) -> str:
+    return f"{comparison.first.name} - {comparison.second.name}"
 
 
-def _verdict_table(
-    title: str, rates: Mapping[str, Mapping[str, Any]], one: str, other: str, p_value: str, table_format: str
-) -> str:
-    rows = [(name, str(row["episodes"]), *_verdict_cells(row), p_text(row[p_value])) for name, row in rates.items()]
-    p_name = "p (Holm)" if p_value == "p_value_holm" else "p"
-    header = (title, "episodes", one, other, "difference", _INTERVAL, "wins", "losses", p_name)
+def _score_table(scores: Mapping[str, PairedScore], names: tuple[str, str], table_format: str) -> str:
+    rows = [(label(name), *_cells(score), p_text(score.p_value)) for name, score in scores.items()]
+    return table(("score", *names, "difference", _INTERVAL, "p"), rows, table_format)
+
+
+def _verdict_table(title: str, rates: Mapping[str, PairedScore], names: tuple[str, str], table_format: str) -> str:
+    is_adjusted = any(rate.p_value_holm is not None for rate in rates.values())
+    rows = [
+        (name, str(rate.episodes), *_verdict_cells(rate), p_text(rate.p_value_holm if is_adjusted else rate.p_value))
+        for name, rate in rates.items()
+    ]
+    header = (title, "episodes", *names, "difference", _INTERVAL, "wins", "losses", "p (Holm)" if is_adjusted else "p")
     return table(header, rows, table_format)
 
 
-def _verdict_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    return (*_cells("success", row), str(row["wins"]), str(row["losses"]))
+def _verdict_cells(score: PairedScore) -> tuple[str, ...]:
+    assert score.verdicts
+    return (*_cells(score), str(score.verdicts.wins), str(score.verdicts.losses))
 
 
-def _mean_rows(comparisons: Sequence[Mapping[str, Any]]) -> dict[str, list[tuple[str, ...]]]:
-    """Returns the rows of all pairs by the label of each mean."""
+def _rows_of_other_scores(comparisons: Sequence[PairedComparison]) -> dict[str, list[tuple[str, ...]]]:
+    """Returns the rows of all pairs by the label of each score but the success."""
     rows: dict[str, list[tuple[str, ...]]] = {}
     for each in comparisons:
-        for name, row in each["scores"].items():
-            if "wins" not in row:
-                names = f"{each['a']['name']} - {each['b']['name']}"
-                rows.setdefault(label(name), []).append((names, *_cells(name, row)))
+        for name, score in each.scores.items():
+            if name != "success":
+                rows.setdefault(label(name), []).append((_both_names(each), *_cells(score)))
     return rows
 
 
-def _cells(name: str, row: Mapping[str, Any]) -> tuple[str, ...]:
+def _cells(score: PairedScore) -> tuple[str, ...]:
     """Returns the scores of both policies, their difference, and its interval."""
-    interval = "none"
-    if row["interval"] is not None:
-        low, high = (_signed(name, bound) for bound in row["interval"])
-        interval = f"{low} to {high}"
-    return value_text(name, row["a"]), value_text(name, row["b"]), _signed(name, row["difference"]), interval
+    return (
+        _in_unit(score.a, score.unit),
+        _in_unit(score.b, score.unit),
+        _signed(score.difference, score.unit),
+        _signed_interval(score.interval, score.unit),
+    )
 
 
-def _signed(name: str, difference: float) -> str:
-    return f"{'+' if difference > 0.0 else ''}{value_text(name, difference)}"
+def _in_unit(value: float, unit: str) -> str:
+    """Returns a number in its unit, as tables show it."""
+    if unit == RATE:
+        return f"{100 * rounded(value):.1f} %"
+    return f"{rounded(value):.4g} {unit}".rstrip()
+
+
+def _signed_interval(interval: Interval, unit: str) -> str:
+    return "none" if interval is None else " to ".join(_signed(bound, unit) for bound in interval)
+
+
+def _signed(value: float, unit: str) -> str:
+    return f"{'+' if rounded(value) > 0.0 else ''}{_in_unit(value, unit)}"
 
 
 def format_check_heading(evaluation: Evaluation, dataset: object = None, published: object = None) -> str:

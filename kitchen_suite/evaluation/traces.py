@@ -16,6 +16,7 @@ and observations of `m` numbers, in five arrays:
 
 import dataclasses
 import hashlib
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -58,13 +59,18 @@ class Trace:
 
 
 class TraceRecorder:
-    """Acts as another controller does, and keeps the traces of its episodes."""
+    """Acts as another controller does, and keeps the traces of its episodes, and how long the answers took."""
 
     def __init__(self, environments: SuiteVectorEnv, controller: Controller) -> None:
         self._environments, self._controller = environments, controller
         # Of the episode in progress in each environment.
         self._numbers: dict[int, list[NDArray[np.float64]]] = {}
         self._actions: dict[int, list[NDArray]] = {}
+        self._seconds: dict[int, list[float]] = {}
+
+    @property
+    def is_batched(self) -> bool:
+        return self._controller.is_batched
 
     @property
     def labels(self) -> Mapping[str, NDArray]:
@@ -72,13 +78,18 @@ class TraceRecorder:
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
         self._controller.start(i, seed, options)
-        self._numbers[i], self._actions[i] = [], []
+        self._numbers[i], self._actions[i], self._seconds[i] = [], [], []
 
     def act(self, step: BatchStep) -> NDArray:
         playing = np.flatnonzero(step.is_playing).tolist()
         numbers = self._present(np.where(step.is_first, 0.0, step.rewards))
+        started = time.perf_counter()
         actions = self._controller.act(step)
+        seconds = time.perf_counter() - started
+        if not self.is_batched:
+            seconds /= len(playing)
         for i in playing:
+            self._seconds[i].append(seconds)
             self._numbers[i].append(numbers[i])
             self._actions[i].append(actions[i].astype("<f4"))
         return actions
@@ -97,6 +108,10 @@ class TraceRecorder:
         actions, digest = np.array(self._actions[episode.i]), np.frombuffer(hashed.digest(), np.uint8)
         return Trace(actions=actions, checks=np.frombuffer(words, "<u2"), digest=digest, last=last)
 
+    def answer_seconds(self, episode: VectorEpisode) -> NDArray[np.float64]:
+        """Returns how long the policy's answer of each control step took `(T,)` [s], of a batch that of all rows."""
+        return np.array(self._seconds[episode.i])
+
     def observations(self, episode: VectorEpisode) -> NDArray[np.float64]:
         """Returns the observed numbers `(T + 1, m)` of an episode whose trace has been taken."""
         return np.stack(self._numbers[episode.i])[:, 1:]
@@ -109,6 +124,8 @@ class TraceRecorder:
 
 class ActionReplay:
     """Acts by recorded actions; where an episode goes on after its last one, by zeros."""
+
+    is_batched = False
 
     def __init__(self, actions: Mapping[int, NDArray]) -> None:
         """Takes the actions `(T, k)` of the episodes by their seeds."""

@@ -1,4 +1,4 @@
-"""Policies by name: random, zero, expert, trained, a server, and `module:callable` for a user's own.
+"""The sources of policies that have a name, and what a policy is; `policies.reference` reads the names.
 
 A policy is called with the present `dm_env.TimeStep` and returns the action. An episode starts where `timestep.first()`
 is true. A policy may have an attribute `labels`, a mapping that says something of its last action, by names that are
@@ -40,7 +40,10 @@ Policy = Callable[[Any], ArrayLike]
 """Returns the action for a `dm_env.TimeStep` of the suite's environment, or for what `takes` says."""
 
 PolicyBuilder = Callable[..., Policy]
-"""Builds the policy for one episode from the environment and a generator of the episode's own.
+"""Builds the policy for one episode from an environment and a generator of the episode's own.
+
+Of many environments that are stepped together the environment is their template: it has their task, and not the physics
+of the episode.
 
 The builder of `PolicyRef.builder` also takes a `row`: of several episodes at once each has another one, and the policy
 of a row's next episode may be the same object, which is reset. Without a row, a policy with a memory is another object.

@@ -656,6 +656,8 @@ def _step_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
 class NetworkController:
     """Acts by a policy of PPO in all environments at once."""
 
+    is_batched = True
+
     labels: Mapping[str, NDArray] = MappingProxyType({})
 
     def __init__(self, policy: InitialPolicy, environments: SuiteVectorEnv) -> None:

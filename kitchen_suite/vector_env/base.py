@@ -266,6 +266,12 @@ class SuiteVectorEnv(GymnasiumNames, gymnasium.vector.VectorEnv):
         return self._observations.suite_numbers(self._present({}))
 
     @property
+    def present_success(self) -> NDArray[np.bool_]:
+        """Whether all that each environment's episode asks for holds now `(n,)`, not only at some step before."""
+        self._check_open()
+        return self._episodes.succeeds()
+
+    @property
     def physics_state(self) -> tuple[NDArray[np.float64], ...]:
         """The present physics state of each environment, as `SuiteEnv.physics_state`; sizes depend on the model."""
         self._check_open()

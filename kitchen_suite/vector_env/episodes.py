@@ -241,6 +241,10 @@ class BatchEpisodes:
         """Returns the flat observations `(n, m)` of all episodes, in a fresh array."""
         return self._runner.observation(self.state)
 
+    def succeeds(self) -> NDArray[np.bool_]:
+        """Returns in which episodes `(n,)` all that is asked for holds now, in a fresh array."""
+        return np.array(self._runner.succeeds(self.state))
+
     def physics_state(self) -> tuple[NDArray[np.float64], ...]:
         """Returns qpos, qvel and act of each simulation, in fresh arrays."""
         return tuple(state[moving].copy() for state, moving in zip(self.batch.state, self._moving, strict=True))

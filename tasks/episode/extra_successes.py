@@ -40,6 +40,10 @@ class ExtraSuccesses(EpisodePart):
         """Takes the conditions by name: functions of a step that return fresh arrays."""
         self._conditions = conditions
 
+    def holds(self, step: Transition) -> NDArray[np.bool_]:
+        """Returns whether `(...)` all conditions are true after a control step."""
+        return functools.reduce(operator.and_, [condition(step) for condition in self._conditions.values()])
+
     def start(self, part: Any, simulation: Simulation, mdp_state: Any, draws: Draws) -> OwnSuccess:
         return OwnSuccess({name: np.array(False) for name in self._conditions}, np.array(False))
 
@@ -51,6 +55,9 @@ class ExtraSuccesses(EpisodePart):
         if "success_at_any_time" in info:
             infos["success_at_any_time"] = np.array(part.reached)
         return {**info, **infos}
+
+    def succeeds(self, part: OwnSuccess, success: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return functools.reduce(operator.and_, part.conditions.values())
 
     def info(self, part: OwnSuccess) -> dict[str, NDArray]:
         return {f"success/{name}": np.array(condition) for name, condition in part.conditions.items()}

@@ -98,6 +98,10 @@ class EpisodePart:
         """Returns the infos of the MDP, in which the part may replace some."""
         return info
 
+    def succeeds(self, part: Any, success: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Returns whether `(...)` the success holds after the last step, which the part may decide by its own rule."""
+        return success
+
     def info(self, part: Any) -> dict[str, NDArray]:
         """Returns the infos of the part: fresh arrays `(...)` or `(..., k)`."""
         return {}

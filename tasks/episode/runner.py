@@ -179,6 +179,13 @@ class EpisodeRunner:
             ended = ended | part.terminates(state.parts[name])
         return ended
 
+    def succeeds(self, state: EpisodeState) -> NDArray[np.bool_]:
+        """Returns whether `(...)` all that the episode asks for holds after the last step, not only once before."""
+        success = self.mdp.succeeds(state.mdp_state)
+        for name, part in self.parts.items():
+            success = part.succeeds(state.parts[name], success)
+        return success
+
     def observation(self, state: EpisodeState) -> NDArray:
         """Returns the flat observation `(..., m)`: the MDP's own, then what parts observe; a fresh array."""
         flat = self.mdp.observation(self._observed_simulation, state.mdp_state)

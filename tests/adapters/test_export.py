@@ -206,6 +206,7 @@ def test_a_name_with_a_backslash_is_a_name_as_any_other(tmp_path, monkeypatch):
     assert mujoco.MjModel.from_xml_path("scene.xml").nq == mujoco.MjModel.from_binary_path("scene.mjb").nq
 
 
+@pytest.mark.full
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch, capfd, caplog):
     monkeypatch.chdir(tmp_path)
     with limited_files(2**10):

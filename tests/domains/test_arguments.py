@@ -273,6 +273,7 @@ def test_the_domain_of_another_id_is_refused_with_that_id(domain):
             assert "tasks_to_complete" not in found[1]
 
 
+@pytest.mark.full
 def test_the_way_that_the_error_about_a_domain_names_is_the_way():
     with refused(ValueError, "'open_cabinet'", "FrankaOpenCabinetEnv", "leave out domain") as raised:
         gymnasium.make("KitchenSuite/FrankaKitchen-v1", domain="open_cabinet")

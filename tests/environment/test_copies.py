@@ -232,6 +232,7 @@ def test_records_of_domains_are_pickled(domain):
         assert twin.task_ids == domain.task_ids
 
 
+@pytest.mark.full
 def test_vectors_cannot_be_copied_and_say_so():
     environments = gymnasium.make_vec(DOMAINS["open_cabinet"].env_id, 2, num_threads=1)
     for copied in COPIES.values():

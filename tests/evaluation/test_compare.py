@@ -2,13 +2,13 @@
 
 import contextlib
 import dataclasses
-import functools
 import json
 import re
 
 import numpy as np
 import pytest
 from helpers.errors import refused
+from helpers.evaluations import EPISODES, TASKS, evaluated, kitchens
 
 import kitchen_suite
 from kitchen_suite import EnvironmentSpec
@@ -16,43 +16,10 @@ from kitchen_suite.commands import compare as compare_command
 from kitchen_suite.commands import evaluate as evaluate_command
 from kitchen_suite.evaluation import side_by_side
 from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, all_as_json, compare_all
-from kitchen_suite.evaluation.evaluation import Evaluation
-from kitchen_suite.evaluation.plan import Replaced, make_plan
-from kitchen_suite.evaluation.scores import EpisodeResult
-from kitchen_suite.evaluation.text import format_comparison, format_comparisons
-from kitchen_suite.policies import PolicyRef
+from kitchen_suite.evaluation.paired_scores import PairedScore, conclusion
+from kitchen_suite.evaluation.text import format_comparison, format_comparisons, format_totals, label
 
-EPISODES = 6
 SMALL = ["--num_episodes=3", "--max_episode_steps=4", "--num_envs=3"]
-TASKS = ("kettle", "microwave")
-
-
-@functools.cache
-def plan_of(policy="zero", protocol="default", **replaced):
-    values = {"num_episodes": EPISODES, **replaced}
-    values["task_kwargs"] = dict(values.get("task_kwargs", ()))
-    return make_plan(PolicyRef.parse(policy), protocol, Replaced(**values))
-
-
-def evaluated(completed=((), ("kettle",), TASKS, TASKS, TASKS, TASKS), **arguments):
-    """An evaluation without playing: of each condition as many episodes, with the tasks that each completed."""
-    plan = plan_of(**arguments)
-    results = {
-        name: [
-            EpisodeResult(
-                condition=name,
-                episode=index,
-                seed=plan.first.seed + index,
-                success=len(tasks) == len(TASKS),
-                progress=len(tasks) / len(TASKS),
-                control_steps=100,
-                asked={task: 10 if task in tasks else None for task in TASKS},
-            )
-            for index, tasks in enumerate(completed[: plan.num_episodes])
-        ]
-        for name in plan.specs
-    }
-    return Evaluation(plan=plan, results=results)
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +75,14 @@ def test_the_json_of_nearly_equal_differences_has_no_nan():
     assert "effort" in format_comparison(comparison)
 
 
+def test_a_score_is_shown_in_its_own_unit():
+    comparison = kitchen_suite.compare(evaluated(), evaluated(policy="random"))
+    seconds = PairedScore.of_means(comparison.all_pairs, lambda result: 0.08 * result.control_steps, unit="s")
+    comparison.scores["duration"] = seconds
+    assert re.search(r"^duration +8 s +8 s +0 s ", format_comparison(comparison), flags=re.MULTILINE)
+    assert comparison.as_json()["duration_difference"] == 0.0
+
+
 def test_swapping_the_policies_mirrors_the_json():
     one = evaluated((TASKS, TASKS, TASKS, ("kettle",), TASKS, ()))
     other = evaluated(((), (), ("kettle",), TASKS, (), ()), policy="random")
@@ -145,6 +120,96 @@ def test_what_cannot_be_paired_is_refused_with_what_differs(name):
         kitchen_suite.compare(evaluated(), evaluated(**arguments))
 
 
+HELD_OUT = (("variation_split", "held_out"),)
+WITHOUT = (("variations", "none"),)
+
+
+def test_what_an_argument_changes_is_compared_across_it():
+    one = evaluated((TASKS,) * EPISODES)
+    other = evaluated(((),) * 3 + (TASKS,) * 3, task_kwargs=WITHOUT)
+    with refused(ValueError, "variations ['start'], and None", "--across=variations"):
+        kitchen_suite.compare(one, other)
+    comparison = kitchen_suite.compare(one, other, across=("variations",))
+    assert (comparison.wins, comparison.losses, comparison.ties) == (3, 0, 3)
+    record = comparison.as_json()
+    assert record["across"] == ["variations"]
+    assert record["a"]["arguments"] == {"variations": ["start"]}
+    assert record["b"]["arguments"] == {"variations": None}
+    assert record["variations"] == "variations start (seen) and variations none"
+    heading = format_comparison(comparison).partition("\n\n")[0]
+    assert "compared across variations" in heading
+    assert "zero (2): policy zero, variations 'none'" in heading
+    assert kitchen_suite.compare(one, other, across="variations").as_json() == record
+
+
+def test_several_arguments_are_crossed_and_only_those():
+    arguments = {"task_kwargs": (*HELD_OUT, ("physics", "fast")), "max_episode_steps": 99}
+    one, other = evaluated(), evaluated(**arguments)
+    names = ("physics", "variation_split", "max_episode_steps")
+    assert kitchen_suite.compare(one, other, across=names).as_json()["b"]["arguments"] == {
+        "physics": "fast",
+        "variation_split": "held_out",
+        "max_episode_steps": 99,
+    }
+    with refused(ValueError, "variation_split 'seen', and 'held_out'", "--across=max_episode_steps,physics,variation"):
+        kitchen_suite.compare(one, other, across=("physics", "max_episode_steps"))
+    three = compare_all([one, one, other], across=names)
+    assert [each.as_json()["b"]["arguments"]["physics"] for each in three] == ["exact", "fast", "fast"]
+    assert "compared across physics, variation_split, max_episode_steps" in format_comparisons(three)
+
+
+@pytest.mark.parametrize(
+    ("across", "shown"),
+    [
+        ("variation", ("'variation' does not exist", "did you mean 'variations'")),
+        ("task_name", ("'task_name' does not exist",)),
+        ("physics", ("nothing is compared across 'physics'", "it is 'exact'")),
+        ("obs_type", ("nothing is compared across 'obs_type'",)),
+    ],
+)
+def test_names_that_do_not_differ_or_exist_are_refused(across, shown):
+    with refused(ValueError, *shown):
+        kitchen_suite.compare(evaluated(), evaluated(task_kwargs=HELD_OUT), across=("variation_split", across))
+
+
+@pytest.mark.parametrize("arguments", [{"seed": 7}, {"num_episodes": 5}, {"protocol": "strict"}])
+def test_other_seeds_and_protocols_are_no_pairs_across_anything(arguments):
+    other = evaluated(**{"task_kwargs": HELD_OUT, **arguments})
+    with refused(ValueError, "cannot be compared") as caught:
+        kitchen_suite.compare(evaluated(), other, across=("variation_split",))
+    assert "--across" not in str(caught.value)
+
+
+def test_the_command_compares_across_variations(run, receipts, folder):
+    plain = str(receipts / "zero.npz")
+    assert run(evaluate_command, *SMALL, "--policy=zero", "--variations=none", "--receipt=usual.npz")[0] == 0
+    status, _, err = run(compare_command, plain, "usual.npz")
+    assert (status, "--across=variations" in err) == (2, True)
+    status, out, err = run(compare_command, plain, "usual.npz", "--across=variations", "--json=both.json")
+    assert (status, err) == (0, "")
+    assert "compared across variations" in out
+    assert json.loads((folder / "both.json").read_text("utf-8"))["across"] == ["variations"]
+
+
+def test_conditions_of_shift_are_compared_with_the_control_arm():
+    evaluation = evaluated((TASKS,) * EPISODES, protocol="shift")
+    failed = [dataclasses.replace(each, success=False) for each in evaluation.results["layout seen"][:5]]
+    layout = [*failed, evaluation.results["layout seen"][5]]
+    evaluation = dataclasses.replace(evaluation, results={**evaluation.results, "layout seen": layout})
+    shifts = evaluation.shifts
+    assert [*shifts] == [name for name in evaluation.results if name != "none"]
+    score = shifts["layout seen"]["success"]
+    assert (score.a, score.b, score.difference) == (pytest.approx(1 / 6), 1.0, pytest.approx(-5 / 6))
+    assert score.p_value == 2 / 2**5
+    assert score.p_value_holm == pytest.approx(min(1.0, len(shifts) * score.p_value))
+    assert shifts["push"]["success"].p_value_holm == 1.0
+    text = format_totals(evaluation)
+    assert re.search(r"^layout seen +-83.3 % +-\d", text, flags=re.MULTILINE)
+    assert "success, less that of 'none' in pairs" in text
+    assert "shifts" not in evaluation.as_json()
+    assert evaluated().shifts == evaluated(protocol="d4rl").shifts == {}
+
+
 @pytest.mark.parametrize("package", ["mujoco", "kitchen-suite"])
 def test_other_versions_are_refused(package):
     one = evaluated()
@@ -180,7 +245,7 @@ def test_measured_quality_is_no_other_episode():
     for sources in ((plain, measured), (measured, plain)):
         comparison = kitchen_suite.compare(*sources)
         assert (comparison.wins, comparison.losses, comparison.ties) == (0, 0, 3)
-        assert [*comparison.scores] == ["success", "mean_tasks"]
+        assert [*comparison.scores] == ["success", "success_at_end", "mean_tasks"]
     assert "clean_success" in kitchen_suite.compare(measured, measured).scores
 
 
@@ -212,10 +277,83 @@ def test_several_policies_are_compared_in_all_pairs_with_holm():
     assert "p (Holm)" in format_comparisons(comparisons)
 
 
+def test_every_score_of_several_policies_is_shown():
+    evaluation = evaluated()
+    measured = {
+        name: [
+            dataclasses.replace(each, measures={"caught": True, "effort": 1.0}, success_at_end=False)
+            for each in results
+        ]
+        for name, results in evaluation.results.items()
+    }
+    one = dataclasses.replace(evaluation, results=measured)
+    text = format_comparisons(compare_all([one, one, one]))
+    lines = text.splitlines()
+    scores = kitchen_suite.compare(one, one).scores
+    assert scores.keys() == {"success", "success_at_end", "mean_tasks", "caught", "effort"}
+    for name in scores:
+        assert any(line.startswith(label(name)) for line in lines), name
+
+
 @pytest.mark.parametrize("sources", [[], [0]])
 def test_one_policy_alone_is_refused(sources):
     with refused(ValueError, "number of policies", "at least 2"):
         compare_all([evaluated() for _ in sources])
+
+
+def test_kitchens_are_the_unit_where_they_are_a_sample():
+    comparison = kitchen_suite.compare(kitchens([4, 4, 4]), kitchens([]))
+    record = comparison.as_json()
+    assert (record["unit"], record["clusters"], record["episodes"]) == ("kitchen", 100, 400)
+    assert (comparison.wins, record["success_difference"]) == (12, 0.03)
+    # By episodes 12 wins of 12, p = 0.0005; of three kitchens all outcomes but two are as extreme.
+    assert comparison.p_value == record["scores"]["success"]["p_value"] == record["p_value"] == 2 / 2**3
+    assert record["task_rates"]["door"]["p_value"] == 0.25
+    assert comparison.better is None
+    assert record["conclusion"].startswith("no difference is shown")
+    text = format_comparison(comparison)
+    assert "400 episodes in pairs, of 100 kitchens, which are the unit" in text
+    assert "3 kitchens in which zero succeeds more often, 0 in which zero" in re.sub(r" \(\d\)", "", text)
+    assert "kitchen 99" not in text
+    assert "100 kitchens" in format_comparisons(compare_all([kitchens([4]), kitchens([]), kitchens([2])]))
+
+
+def test_kitchens_show_a_difference_where_many_of_them_differ():
+    comparison = kitchen_suite.compare(kitchens([]), kitchens([3] * 20))
+    low, high = comparison.scores["success"].interval
+    assert (comparison.better, comparison.p_value < 1e-5, low < -0.15 < high < 0.0) == ("b", True, True)
+    assert "succeeds more often" in comparison.conclusion
+
+
+def test_episodes_are_the_unit_elsewhere():
+    comparison = kitchen_suite.compare(evaluated(), evaluated())
+    assert (comparison.unit, comparison.is_sample) == ("episode", False)
+    assert not {"unit", "clusters"} & comparison.as_json().keys()
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.1, 0.2), (0.1, 0.4), (0.0, 0.3), (-0.4, -0.1)])
+@pytest.mark.parametrize("p_value", [0.01, 0.05, 0.125])
+def test_a_conclusion_never_contradicts_itself(low, high, p_value):
+    difference = (low + high) / 2
+    score = PairedScore(episodes=4, a=0.5, b=0.5 - difference, difference=difference, interval=(low, high))
+    score = dataclasses.replace(score, p_value=p_value)
+    is_shown = p_value < 0.05 and not low <= 0.0 <= high
+    assert (score.greater is not None) == is_shown
+    text = conclusion(difference, (low, high), p_value, ("first", "second"), "kitchen")
+    assert text.startswith(("first succeeds", "second succeeds") if is_shown else "no difference is shown: ")
+    assert ("compatible" in text) == (p_value >= 0.05 and low <= 0.0 <= high)
+    if is_shown:
+        assert "by 10.0 to 40.0 percentage points" in text
+        assert text.startswith("first" if difference > 0 else "second")
+
+
+def test_four_wins_of_four_show_no_difference():
+    comparison = kitchen_suite.compare(evaluated((TASKS,) * 4, num_episodes=4), evaluated(((),) * 4, num_episodes=4))
+    low, _ = comparison.scores["success"].interval
+    assert (low > 0.0, comparison.p_value) == (True, 0.125)
+    assert comparison.better is None
+    assert "p decides, which is exact" in comparison.conclusion
+    assert "is approximate where few episodes differ" in comparison.conclusion
 
 
 def numbers_in(value):
@@ -261,7 +399,7 @@ def test_the_command_prints_and_writes(run, receipts, tmp_path):
     assert out.startswith("kitchen, protocol default, variations start (seen): 3 episodes in pairs, seeds from 4")
     record = json.loads(path.read_text("utf-8"))
     assert record == kitchen_suite.compare(*names).as_json()
-    differences = {"success_difference", "mean_tasks_difference"}
+    differences = {"success_difference", "success_at_end_difference", "mean_tasks_difference"}
     assert {"wins", "losses", "ties", "p_value", "intervals", *differences} <= record.keys()
     assert record["intervals"].keys() == differences
     status, out, _ = run(compare_command, *names, names[0], "--format=markdown", f"--json={path}")
@@ -438,3 +576,47 @@ def test_what_cannot_be_filmed_is_refused_first(run, folder, receipts):
     status, out, err = run(compare_command, "rows.json", names[1], "--video=both.mp4")
     assert (status, out) == (2, "")
     assert "write a receipt" in err
+
+
+GATES = {
+    "worse": ("worse", (TASKS,) * EPISODES, ((),) * EPISODES, 4, "failed: random is worse than zero"),
+    "not_better": ("not_better", (TASKS,) * EPISODES, ((),) * EPISODES, 4, "failed: random is worse than zero"),
+    "alike": ("worse", (TASKS,) * 4, ((),) + (TASKS,) * 3, 0, "passed: random is shown to be neither better nor"),
+    "alike, not better": ("not_better", (TASKS,) * 4, (TASKS,) * 4, 4, "failed: random is shown to be neither"),
+    "better": ("not_better", ((),) * EPISODES, (TASKS,) * EPISODES, 0, "passed: random is better than zero"),
+    # The interval excludes 0, and the exact p is 0.125.
+    "too few": ("worse", (TASKS,) * 4, ((),) * 4, 0, "passed: random is shown to be neither"),
+}
+
+
+@pytest.mark.parametrize("name", GATES)
+def test_a_gate_fails_with_status_4(run, folder, name):
+    gate, first, second, expected, shown = GATES[name]
+    evaluated(first, num_episodes=len(first)).write("zero.json")
+    evaluated(second, num_episodes=len(second), policy="random").write("random.json")
+    status, out, err = run(compare_command, "zero.json", "random.json", f"--fail_if={gate}", "--json=both.json")
+    assert (status, err) == (expected, "")
+    assert f"--fail_if={gate} {shown}" in out
+    assert (folder / "both.json").exists()
+
+
+def test_a_gate_decides_across_arguments_and_by_kitchens(run, folder):
+    evaluated((TASKS,) * EPISODES).write("usual.json")
+    evaluated(((),) * EPISODES, task_kwargs=WITHOUT).write("varied.json")
+    assert run(compare_command, "usual.json", "varied.json", "--across=variations", "--fail_if=worse")[0] == 4
+    kitchens([4] * 3).write("many.json")
+    kitchens([]).write("none.json")
+    kitchens([1] * 12).write("spread.json")
+    # Twelve episodes in three kitchens prove less than in twelve.
+    assert run(compare_command, "many.json", "none.json", "--fail_if=worse")[0] == 0
+    assert run(compare_command, "spread.json", "none.json", "--fail_if=worse")[0] == 4
+
+
+def test_a_gate_is_about_two_policies(run, receipts):
+    names = [str(receipts / f"{name}.npz") for name in ("random", "zero")]
+    status, out, err = run(compare_command, *names, names[0], "--fail_if=worse")
+    assert (status, out, "second of two policies, not of 3" in err) == (2, "", True)
+    status, out, err = run(compare_command, names[0])
+    assert (status, out) == (2, "")
+    assert "at least 2 are needed" in err
+    assert "--a and --b" in err

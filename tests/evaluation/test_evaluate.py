@@ -53,7 +53,8 @@ def test_the_scores_are_printed_and_written(run, tmp_path):
     assert list(result) == [
         *("protocol", "domain_name", "policy", "seed", "num_episodes", "max_episode_steps", "versions"),
         *("task_name", "task_kwargs", "policy_sha256", "p1", "p2", "p3", "p4", "mean_tasks", "success"),
-        *("control_steps", "intervals", "task_rates", "order_entropy", "diverged_seeds", "conditions"),
+        *("success_at_end", "control_steps", "intervals", "task_rates", "order_entropy", "diverged_seeds"),
+        "conditions",
     ]
     assert (result["protocol"], result["policy"]) == ("default", "random")
     assert result["task_kwargs"] == {"variations": ["start"]}
@@ -95,7 +96,7 @@ def test_a_domain_without_tasks_to_count_has_success_and_progress(run, tmp_path)
         "open_cabinet, policy random, protocol default, variations start (seen): 2 episodes, seeds from"
     )
     result = read(tmp_path / "a.json")
-    assert result["intervals"].keys() == {"mean_progress", "success", "control_steps"}
+    assert result["intervals"].keys() == {"mean_progress", "success", "success_at_end", "control_steps"}
     assert "order entropy" not in out
 
 

@@ -60,6 +60,7 @@ def test_an_evaluation_is_checked_without_files(short):
     assert {id(episode) for episode in seen} == {id(episode) for episode in check.episodes}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("quality", "verdict"), [(False, "other digits"), (True, "altered")])
 def test_a_check_names_the_episode_and_the_numbers_that_differ(quality, verdict):
     """Other actions change positions here, and of the results only those of quality, such as the path's length."""
@@ -214,6 +215,7 @@ def test_a_receipt_never_replaces_the_policy(run):
     assert files.Path("policy.npz").read_bytes() == before
 
 
+@pytest.mark.full
 def test_a_comparison_is_never_written_into_a_recording(run, short):
     short.write("a.npz")
     spec = kitchen_suite.EnvironmentSpec.make("kitchen", "kettle", {}, max_episode_steps=2)
@@ -222,6 +224,7 @@ def test_a_comparison_is_never_written_into_a_recording(run, short):
     assert (status, "must not be in the folder" in err) == (2, True)
 
 
+@pytest.mark.full
 def test_an_altered_folder_is_not_resumed_and_the_remedy_works():
     whole = kitchen_suite.evaluate("random", output="runs", **SHORT)
     path = files.Path("runs/episodes.jsonl")
@@ -234,6 +237,7 @@ def test_an_altered_folder_is_not_resumed_and_the_remedy_works():
     assert kitchen_suite.evaluate("random", output="runs", resume=True, **SHORT).results == whole.results
 
 
+@pytest.mark.full
 def test_an_episode_whose_trace_is_missing_is_played_again():
     whole = kitchen_suite.evaluate("random", output="runs", **SHORT)
     files.Path("runs/traces/000_000001.npz").unlink()
@@ -265,6 +269,7 @@ def test_a_receipt_never_replaces_the_files_of_its_folder(run):
     assert not [*files.Path("runs").iterdir()]
 
 
+@pytest.mark.full
 def test_paths_of_folders_name_what_can_be_read():
     spec = kitchen_suite.EnvironmentSpec.make("kitchen", "kettle", {}, max_episode_steps=2)
     kitchen_suite.record("recorded", spec, "zero", num_episodes=1)
@@ -280,6 +285,7 @@ def test_paths_of_folders_name_what_can_be_read():
     assert kitchen_suite.Recording.open("recorded").indices == [0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("source", "flags"),
     [
@@ -301,6 +307,7 @@ def test_flags_that_do_not_apply_are_refused(run, short, source, flags):
     assert "does not apply" in err
 
 
+@pytest.mark.full
 def test_episodes_of_a_recording_are_chosen_by_numbers_too():
     spec = kitchen_suite.EnvironmentSpec.make("kitchen", "kettle", {}, max_episode_steps=2)
     kitchen_suite.record("runs", spec, "zero", num_episodes=3, seed=4)
@@ -317,6 +324,7 @@ def test_episodes_of_a_recording_are_chosen_by_numbers_too():
         kitchen_suite.replay("runs", num_envs=4)
 
 
+@pytest.mark.full
 def test_an_interrupted_evaluation_writes_a_receipt_of_all_episodes(short):
     whole = kitchen_suite.evaluate("random", output="runs", **SHORT)
     lines = files.Path("runs/episodes.jsonl").read_text("utf-8").splitlines(keepends=True)
@@ -328,6 +336,7 @@ def test_an_interrupted_evaluation_writes_a_receipt_of_all_episodes(short):
     assert again.check().verdict == "equal"
 
 
+@pytest.mark.full
 def test_the_plan_is_announced_before_the_first_episode():
     order = []
     kitchen_suite.evaluate(
@@ -343,9 +352,10 @@ def test_one_task_is_shown_once(short):
     text = format_evaluation(kitchen_suite.evaluate("zero", **SHORT))
     for repeated in ("p1", "mean tasks", "order entropy", "where asked"):
         assert repeated not in text
-    assert text.count("success") == 1
+    assert text.count("\nsuccess  ") == 1
 
 
+@pytest.mark.full
 def test_functions_print_nothing(capfd, short):
     evaluation = kitchen_suite.evaluate("zero", output="runs", receipt="a.npz", **SHORT)
     evaluation.write("a.json")

@@ -6,9 +6,18 @@ import types
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from kitchen_suite.evaluation import paired
-from kitchen_suite.evaluation.paired import PairedVerdicts, holm, mean_difference, score_interval
+from kitchen_suite.evaluation.paired import (
+    PairedVerdicts,
+    cluster_difference,
+    cluster_totals,
+    holm,
+    mean_difference,
+    permutation_p_value,
+    score_interval,
+)
 
 # Wins, losses and pairs; the interval and its level; the exact p-value of McNemar's test, None where none is published.
 # Each was printed by the source named, to the digits given here.
@@ -206,3 +215,53 @@ def test_holm_by_hand():
     assert holm([0.5, 0.6, 0.9]) == [1.0, 1.0, 1.0]
     assert holm([0.04]) == [0.04]
     assert holm([]) == []
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_p_value_by_permutation_is_that_of_scipy(seed):
+    totals = np.random.default_rng(seed).integers(-4, 5, 10)
+    expected = stats.permutation_test((totals,), np.sum, permutation_type="samples", n_resamples=np.inf)
+    assert permutation_p_value(totals) == pytest.approx(expected.pvalue)
+
+
+@pytest.mark.parametrize(("wins", "losses"), [(0, 0), (4, 0), (3, 9), (150, 86), (1200, 1100)])
+def test_the_p_value_of_clusters_of_one_episode_is_that_of_mcnemar(wins, losses):
+    verdicts = PairedVerdicts(wins=wins, losses=losses, ties=5)
+    totals = [1] * wins + [-1] * losses + [0] * 5
+    assert permutation_p_value(totals) == pytest.approx(verdicts.p_value, rel=1e-9)
+
+
+def test_equal_signs_of_few_clusters_prove_little():
+    # All four kitchens for one policy: two of sixteen outcomes are as extreme, whatever their episodes.
+    assert permutation_p_value([4, 4, 4, 4]) == 2 / 16
+    assert permutation_p_value([1, 3, 2, 4]) == 2 / 16
+    assert permutation_p_value([]) == 1.0
+
+
+def test_clusters_are_resampled_as_wholes():
+    generator = np.random.default_rng(3)
+    rates = generator.normal(size=100)
+    differences = np.repeat(rates, 4)
+    clusters = np.repeat([f"kitchen {index}" for index in range(100)], 4)
+    middle, interval = cluster_difference(differences, [*clusters])
+    assert middle == pytest.approx(rates.mean())
+    # Four equal episodes count as one: at 100 clusters the normal interval agrees within a tenth of its width.
+    half = 1.96 * rates.std(ddof=1) / 10
+    assert interval == pytest.approx((middle - half, middle + half), abs=0.2 * half)
+    low, high = mean_difference(differences)[1]
+    assert high - low == pytest.approx(half, rel=0.1)
+    assert cluster_difference(-differences, [*clusters])[1] == pytest.approx((-interval[1], -interval[0]))
+
+
+def test_clusters_of_other_sizes_have_the_mean_of_all_their_episodes():
+    totals, sizes = cluster_totals([1, 0, -1, 1, 1], ["b", "a", "b", "a", "c"])
+    assert (totals.tolist(), sizes.tolist()) == ([0, 1, 1], [2, 2, 1])
+    middle, (low, high) = cluster_difference([1, 0, -1, 1, 1], ["b", "a", "b", "a", "c"])
+    assert middle == pytest.approx(0.4)
+    assert 0.0 <= low < middle < high <= 1.0
+
+
+def test_equal_clusters_have_the_limits_of_so_many_clusters():
+    differences, clusters = [0.0] * 400, [index // 4 for index in range(400)]
+    assert cluster_difference(differences, clusters, greatest=1)[1] == mean_difference([0.0] * 100, greatest=1)[1]
+    assert cluster_difference(differences, clusters) == (0.0, None)

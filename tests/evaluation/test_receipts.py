@@ -16,7 +16,7 @@ import pytest
 import kitchen_suite
 from kitchen_suite import files
 from kitchen_suite.commands import evaluate, record, replay
-from kitchen_suite.evaluation.evaluation import Evaluation, check_receipt
+from kitchen_suite.evaluation.evaluation import Evaluation, check_can_be_receipt
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan
 from kitchen_suite.evaluation.receipt import Receipt, sealed
 from kitchen_suite.evaluation.rollout import watch_episodes
@@ -309,8 +309,9 @@ class Forger:
         index = int(self.generator.integers(len(results)))
         one = results[index]
         task = self.generator.choice([*one.asked])
+        reached = not one.success
         changes = [
-            {"success": not one.success},
+            {"success": reached, "success_at_end": reached, "steps_to_success": 1 if reached else None},
             {"control_steps": one.control_steps + int(self.generator.integers(1, 50))},
             {"asked": {**one.asked, task: None if one.asked[task] else int(self.generator.integers(1, 12))}},
             {"progress": one.progress + 0.25},
@@ -598,12 +599,14 @@ def test_a_receipt_does_not_import_the_robot_that_it_names(short, tmp_path, monk
 
 
 @pytest.mark.full
-def test_a_receipt_that_could_not_be_verified_is_refused_at_the_start(run, tmp_path):
+def test_a_receipt_that_could_not_be_verified_is_refused_at_the_start(run, tmp_path, monkeypatch):
+    (tmp_path / "planted.py").write_text("from kitchen_suite.entities import PANDA as ARM\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
     for flags, shown in (
         (["--num_episodes=60000"], "50,000 episodes"),
         (["--num_episodes=40000"], "10,000,000 control steps"),
         (["--domain_name=kitchen_suite.domains.kitchen:KITCHEN"], "could not be verified"),
-        (['--task_kwargs={"robot": "docs.examples.my_arm:MY_ARM", "control_mode": "ee_pose"}'], "robot of a receipt"),
+        (['--task_kwargs={"robot": "planted:ARM", "control_mode": "ee_pose"}'], "robot of a receipt"),
     ):
         status, _, err = run(evaluate, *flags, "--receipt=a.npz")
         assert status == 2
@@ -618,10 +621,10 @@ def test_a_receipt_of_many_episodes_is_read_and_one_of_too_many_goals_is_refused
     dataclasses.replace(short, results=results, traces=traces).write(tmp_path / "many.npz")
     assert Receipt.read(tmp_path / "many.npz").results == results
     plan = make_plan(PolicyRef.parse("zero"), replaced=Replaced(num_episodes=30_000))
-    check_receipt(plan)
+    check_can_be_receipt(plan)
     goals = {"random_4": [{"goal_states": [0.1] * 400}] * 30_000}
     with pytest.raises(ValueError, match="fewer with goals"):
-        check_receipt(dataclasses.replace(plan, resets=goals))
+        check_can_be_receipt(dataclasses.replace(plan, resets=goals))
 
 
 @pytest.mark.full

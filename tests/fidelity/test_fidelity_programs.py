@@ -353,6 +353,7 @@ def test_no_assignment_is_ignored():
         ours.tasks_to_complete.remove("kettle")
 
 
+@pytest.mark.full
 def test_the_ways_that_errors_name_work():
     ours = FrankaKitchenEnv(goals={"kettle": np.zeros(7)}, object_noise_ratio=0.0, robot_noise_ratio=0.0, visuals=True)
     observation, _ = ours.reset(seed=0)
@@ -404,6 +405,7 @@ def test_near_names_are_suggested():
             getattr(owner, wrong)
 
 
+@pytest.mark.full
 def test_a_renderer_needs_a_scene_with_visuals():
     ours = FrankaKitchenEnv()
     assert not hasattr(ours.robot_env, "mujoco_renderer")
@@ -471,6 +473,7 @@ def test_bad_writes_change_nothing(write, error, shown):
     assert len(ours.tasks_to_complete) == 7
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["data", "model", "goal", "robot_env", "tasks_to_complete"])
 def test_vectors_name_the_way_to_attributes_of_single_environments(name):
     envs = gymnasium.make_vec("kitchen_suite:KitchenSuite/FrankaKitchen-v1", 2, tasks_to_complete=["kettle"])

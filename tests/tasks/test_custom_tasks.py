@@ -1187,6 +1187,7 @@ class Slippery(tasks.KitchenTask):
         physics.model.geom_friction[:, 0] = 0.1 if is_slippery else 1.0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", brief(["Disabled", "SameStep"], kept=["SameStep"], full=["Disabled"]))
 def test_a_reset_may_write_what_the_built_model_has_whatever_the_first_draw(mode, monkeypatch):
     original = gymnasium.utils.seeding.np_random
