@@ -17,7 +17,7 @@ _ENTRY_POINT = re.compile(r"([a-z_]\w*(?:\.\w+)*):(\w*(?:\.\w+)*)")
 # Heavy libraries, and the packages that may import them.
 HOMES = {
     "absl": {"commands"},
-    "torch": {"training"},
+    "torch": {"lerobot", "training"},
     "ray": {"episodes"},
     "minari": {"datasets"},
     "stable_baselines3": {"adapters"},
