@@ -674,6 +674,47 @@ def comparison_example() -> str:
     return f"```\n{format_comparison(comparison)}\n```\n"
 
 
+def comparison_across() -> str:
+    """Returns the first lines of the output of kitchen-compare across the starts of one policy."""
+    files = (RESULTS / "comparison" / f"{name}.json" for name in ("trained_seen", "trained"))
+    text = format_comparison(compare(*files, across=("variation_split",)))
+    # Without the table by task.
+    shown, _, _ = text.rpartition("\n\n")
+    return f"```\n{shown}\n```\n"
+
+
+def comparison_methods() -> str:
+    """Returns the table of simulated comparisons of methods, from `docs/experiments/comparisons.py methods`."""
+    rows = [
+        (
+            row["case"],
+            row["seeds"],
+            f"{100 * row['seed_deviation']:.0f} %",
+            f"{row['coverage']:.1%}",
+            f"{100 * row['width']:.0f} %",
+            f"{row['coverage_resampled']:.1%}",
+        )
+        for row in read_results("comparison_methods")
+    ]
+    header = (
+        "policies",
+        "training seeds",
+        "deviation of their rates",
+        "intervals that contain the truth",
+        "mean width",
+    )
+    return markdown((*header, "by resampling both levels"), rows)
+
+
+def comparison_kitchens() -> str:
+    """Returns the table of equal policies in kitchens, from `docs/experiments/comparisons.py kitchens`."""
+    rows = [
+        (row["correlation"], f"{row['alarms']:.1%}", f"{row['alarms_episodes']:.1%}")
+        for row in read_results("comparison_kitchens")
+    ]
+    return markdown(("correlation within a kitchen", "false alarms by kitchens", "by episodes"), rows)
+
+
 def quality_table(starts: str) -> str:
     """Returns the table of the quality of episodes with `varied` or with `usual` starts."""
     rows = []
@@ -753,6 +794,9 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "imitation_results": imitation_table,
     "kitchen_policy": kitchen_policy_table,
     "comparison_example": comparison_example,
+    "comparison_across": comparison_across,
+    "comparison_methods": comparison_methods,
+    "comparison_kitchens": comparison_kitchens,
     "digests": digest_table,
     "offline_sets": offline_set_table,
     "offline_digests": offline_digest_table,

@@ -68,6 +68,16 @@ def test_commands_in_the_text_are_parsed(tmp_path, monkeypatch):
         stand_ins.check_command(name, *shlex.split(arguments))
 
 
+def test_the_commands_of_the_workflow_are_parsed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (block,) = [block for block in BLOCKS if "runs-on:" in block.code]
+    assert len(block.code.splitlines()) <= 10
+    commands = [shlex.split(line) for line in re.findall(r"- run: (.*)", block.code)]
+    assert [command[0] for command in commands] == ["pip", "kitchen-evaluate", "kitchen-compare"]
+    for name, *arguments in commands[1:]:
+        stand_ins.check_command(name, *arguments)
+
+
 def test_a_requirement_that_is_not_installed_is_found(tmp_path):
     programs = make_programs(tmp_path / "programs", ("pip",))
     with pytest.raises(AssertionError, match="no-such-package is not installed here"):
