@@ -91,7 +91,7 @@ def play_and_print(
     from kitchen_suite.gymnasium_env.base import suite_env
 
     flags.prepare_images(spec, rendering=given.video is not None)
-    rollout = SingleRollout(spec, policy.builder(spec.policy_sha256), **watching.rendering(given))
+    rollout = SingleRollout(spec, policy.sequential_builder(spec.policy_sha256), **watching.rendering(given))
     environment = suite_env(rollout.environment).environment
     environment.task.visualize_reward = visualize_reward
     count, steps = given.num_episodes, spec.max_episode_steps

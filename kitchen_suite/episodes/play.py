@@ -82,7 +82,7 @@ class SingleRollout:
 
         Args:
           spec: of the episodes.
-          build_policy: builds the policy of each episode, of the row 0.
+          build_policy: builds the policy of each episode.
           action_dtype: type that actions are rounded to, as `play` and recordings do to that of the action space; they
             are left as the policy returns them when None.
           **extra: additional arguments of the environment.
@@ -98,7 +98,7 @@ class SingleRollout:
         environment = suite_env(self.environment)
         observation, info = reset_to_seed(self.environment, seed, self._spec.seeding, options)
         self.buffer = EpisodeBuffer(observation, info, environment.physics_state, name)
-        self.policy = self._build_policy(environment.environment, policy_generator(seed), row=0)
+        self.policy = self._build_policy(environment.environment, policy_generator(seed))
         if takes_of(self.policy) == BATCH:
             raise PolicyError("a policy of a batch acts in vectorised environments alone")
 
@@ -539,6 +539,6 @@ def play_part(
 
 def play_singly(numbers: Sequence[tuple[int, int]], spec: EpisodeSpec, policy: PolicyRef) -> list[Episode]:
     """Plays some episodes one after the other, with float64 actions, in a process of a cluster."""
-    rollout = SingleRollout(spec, policy.builder(spec.policy_sha256))
+    rollout = SingleRollout(spec, policy.sequential_builder(spec.policy_sha256))
     with contextlib.closing(rollout.environment):
         return [rollout.play(index, seed) for index, seed in numbers]

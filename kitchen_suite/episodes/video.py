@@ -200,7 +200,8 @@ def film(
 
     Returns the summary of the episode.
     """
-    rollout = SingleRollout(spec, policy.builder(spec.policy_sha256), visuals=True, render_quality=render_quality)
+    build = policy.sequential_builder(spec.policy_sha256)
+    rollout = SingleRollout(spec, build, visuals=True, render_quality=render_quality)
     with contextlib.closing(rollout.environment):
         spec.check_policy(policy, rollout.environment)
         video = EpisodeVideo(

@@ -3,6 +3,7 @@
 import ast
 import contextlib
 import dataclasses
+import functools
 import re
 from collections.abc import Callable, Collection, Hashable, Mapping
 from pathlib import Path
@@ -188,6 +189,10 @@ class PolicyRef:
             return _CheckedPolicy(policy, text, environment, privileged=source.privileged)
 
         return build_with_checks
+
+    def sequential_builder(self, digest: str | None = None) -> PolicyBuilder:
+        """Returns the builder, as `builder`, for episodes that are played one after the other: all are of one row."""
+        return functools.partial(self.builder(digest), row=0)
 
     def batch_policy(self) -> Policy:
         """Returns the policy for a batch; raises a PolicyError as `memory.batch_policy`."""

@@ -143,7 +143,7 @@ def started_episode(choice: Choice, seed: int, *, render_quality: str) -> LiveEp
     """Returns the episode of a seed, which the chosen policy plays, or one of random actions."""
     policy = PolicyRef.parse(choice.policy or DEFAULT_POLICY)
     spec = choice.spec(policy).prepared(policy)
-    episode = LiveEpisode(spec, policy.builder(spec.policy_sha256), render_quality=render_quality)
+    episode = LiveEpisode(spec, policy.sequential_builder(spec.policy_sha256), render_quality=render_quality)
     with closed_on_error([episode]):
         episode.start(seed)
     return episode

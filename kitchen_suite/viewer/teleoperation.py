@@ -80,13 +80,12 @@ class TeleoperatedEpisode(LiveEpisode):
         installation.installed(EXTRA_PACKAGES["experts"], "moving the hand", "experts")
         if policy and policy.takes != policies.TIMESTEP:
             raise ValueError("a person can take over from a policy of time steps alone, not from one of observations")
-        build_other = policy.builder(spec.policy_sha256) if policy else None
+        build_other = policy.sequential_builder(spec.policy_sha256) if policy else None
 
-        def build_policy(environment: Environment, generator: np.random.Generator, row: int) -> "TeleoperatedPolicy":
+        def build_policy(environment: Environment, generator: np.random.Generator) -> "TeleoperatedPolicy":
             from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 
-            other = build_other(environment, generator, row) if build_other else None
-            return TeleoperatedPolicy(environment.task, other)
+            return TeleoperatedPolicy(environment.task, build_other(environment, generator) if build_other else None)
 
         super().__init__(spec, build_policy, render_quality=render_quality)
 

@@ -25,6 +25,7 @@ from helpers.policies_with_memory import (
 import kitchen_suite
 from kitchen_suite import suite
 from kitchen_suite.commands import evaluate, record, rollout
+from kitchen_suite.episodes.play import play_singly
 from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.policies import PolicyError, PolicyRef
 
@@ -288,3 +289,21 @@ def test_a_builder_resets_the_policy_of_a_row_and_makes_another_one_without_a_ro
     np.testing.assert_array_equal(next_action(row="b"), first)
     np.testing.assert_array_equal(of_row(timestep), second)
     np.testing.assert_array_equal(next_action(row="a"), first)
+
+
+def test_episodes_one_after_the_other_have_one_policy_that_is_reset():
+    made = []
+
+    class Counted(Chunks):
+        def __init__(self):
+            super().__init__()
+            made.append(self)
+
+    reference = PolicyRef.of(Counted, "observation")
+    spec = SPEC.episodes(reference, seed=0)
+    episodes = play_singly([(seed, seed) for seed in range(EPISODES)], spec, reference)
+    for episode in episodes:
+        expected = alone(Chunks)[episode.seed]
+        # Their actions are float64, those of environments with an action space float32: both end alike.
+        np.testing.assert_allclose(episode.arrays["action"][: len(expected)], expected[: episode.steps], atol=1e-5)
+    assert len(made) == 1
