@@ -74,7 +74,7 @@ class PairedComparison:
         return {name: paired_scores(each) for name, each in self.pairs.items()} if len(self.pairs) > 1 else {}
 
     @property
-    def success(self) -> PairedVerdicts:
+    def _verdicts(self) -> PairedVerdicts:
         """In how many episodes one policy alone succeeded."""
         verdicts = self.scores["success"].verdicts
         assert verdicts
@@ -83,17 +83,17 @@ class PairedComparison:
     @property
     def wins(self) -> int:
         """Number of episodes in which the first policy alone succeeded."""
-        return self.success.wins
+        return self._verdicts.wins
 
     @property
     def losses(self) -> int:
         """Number of episodes in which the second policy alone succeeded."""
-        return self.success.losses
+        return self._verdicts.losses
 
     @property
     def ties(self) -> int:
         """Number of episodes in which both succeeded or both failed."""
-        return self.success.ties
+        return self._verdicts.ties
 
     @property
     def p_value(self) -> float:

@@ -81,14 +81,18 @@ def _estimate(methods: list[NDArray[np.float64]], by_episode: NDArray[np.float64
     scaled = np.ldexp(by_episode, -exponent)
     middle = float(scaled.mean())
     value = math.ldexp(middle, exponent)
+    rounding = (count * np.finfo(np.float64).eps) ** 2
     # What all seeds of a method have in common in an episode; the noise of single ones is in the variance of seeds.
     episodes = max(0.0, float(scaled.var(ddof=1)) / count - sum(part.single for part in parts))
     variance = episodes + sum(part.seeds for part in parts)
-    # Nothing differs by more than rounding.
-    if variance <= (count * np.finfo(np.float64).eps) ** 2:
+    squares = episodes**2 / (count - 1) + sum(part.seeds**2 / part.degrees for part in parts)
+    if variance <= rounding:
+        # By chance all seeds have the same mean: single episodes have noise all the same.
+        variance = sum(part.single for part in parts)
+        squares = sum(part.single**2 / (part.degrees * (count - 1)) for part in parts)
+    if variance <= rounding:
         p_value = 1.0 if middle == 0.0 else min(1.0, 2.0 * 0.5**count)
         return Estimate(value, possible_means(value, count, low=low, high=high), p_value)
-    squares = episodes**2 / (count - 1) + sum(part.seeds**2 / part.degrees for part in parts)
     student = stats.t(variance**2 / squares)
     error = math.sqrt(variance)
     half = math.ldexp(float(student.isf((1.0 - CONFIDENCE) / 2.0)) * error, exponent)

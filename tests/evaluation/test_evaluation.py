@@ -362,6 +362,7 @@ def test_functions_print_nothing(capfd, short):
     Evaluation.read("a.npz").check()
     kitchen_suite.replay("a.npz", published="a.json")
     kitchen_suite.compare("a.npz", "a.json")
+    kitchen_suite.compare_methods(["a.npz", "a.json"], [evaluation, Evaluation.read("a.json")])
     spec = kitchen_suite.EnvironmentSpec.make("kitchen", "kettle", {}, max_episode_steps=2)
     kitchen_suite.record("recorded", spec, "zero", num_episodes=1)
     kitchen_suite.replay("recorded")

@@ -74,3 +74,13 @@ def test_intervals_stop_at_what_is_possible():
     values[0, :8] = 0.0
     low, high = method_mean(values, low=0.0, high=1.0).interval
     assert 0.0 < low < values.mean() < high == 1.0
+
+
+def test_seeds_of_the_same_rate_by_chance_prove_nothing():
+    """Each seed fails in one other episode: their means are equal, and single episodes have noise all the same."""
+    first, second = np.ones((2, 3, 200))
+    first[[0, 1, 2], [3, 5, 8]] = 0.0
+    found = method_difference(first, second, greatest=1.0)
+    assert found.value == pytest.approx(-0.005)
+    assert 0.05 < found.p_value < 0.15
+    assert found.interval == pytest.approx((-0.0107, 0.0007), abs=2e-4)
