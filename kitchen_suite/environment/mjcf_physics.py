@@ -1,5 +1,6 @@
 """The `mjcf.Physics` of the suite's environments: images from scenes that are kept, further names of elements."""
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 
 import mujoco
@@ -13,9 +14,19 @@ from kitchen_suite.environment.named_model import NamedData, NamedModel, Names
 from kitchen_suite.rendering import contexts
 from kitchen_suite.rendering.measuring import Camera
 
+# Options that are arrays; all others are numbers.
+_ARRAY_OPTIONS = ("gravity", "wind", "magnetic", "o_solref", "o_solimp", "o_friction")
+
+_number_options = operator.attrgetter(
+    *(name for name in dir(mujoco.MjOption) if not name.startswith("_") and name not in _ARRAY_OPTIONS)
+)
+
 
 class Physics(mjcf.Physics):
-    """`mjcf.Physics` that keeps the scenes it renders, in a GL context of the suite; see `rendering.contexts`."""
+    """`mjcf.Physics` that keeps the scenes it renders, in a GL context of the suite; see `rendering.contexts`.
+
+    Options in `model.opt` that have been edited act in the next step, as in MuJoCo's own.
+    """
 
     def step(self, nstep: int = 1) -> None:
         """Makes physics steps as `mjcf.Physics.step` does; a PhysicsError if one has diverged.
@@ -24,6 +35,12 @@ class Physics(mjcf.Physics):
         """
         before = self._warnings.tobytes()
         if self.legacy_step:
+            options = self._options()
+            if options != self._evaluated_options:
+                # The step begins with MuJoCo's second half, which takes from the first what it needs for the options,
+                # such as memory: with `noslip_iterations` that the first half did not know it ends the process.
+                mujoco.mj_step1(self.model.ptr, self.data.ptr)
+                self._evaluated_options = options
             self._step_with_up_to_date_position_velocity(nstep)
         else:
             mujoco.mj_step(self.model.ptr, self.data.ptr, nstep)
@@ -96,4 +113,11 @@ class Physics(mjcf.Physics):
     def _reload_from_data(self, data: MjData) -> None:
         # Not in the constructor, which copies do without.
         self._cameras: dict[tuple[int, int, int | str], Camera] = {}
+        self._option = data.model.ptr.opt
+        self._option_arrays = [getattr(self._option, name) for name in _ARRAY_OPTIONS]
+        self._evaluated_options = self._options()
         super()._reload_from_data(data)
+
+    def _options(self) -> tuple[object, ...]:
+        """Returns the present options of the model."""
+        return _number_options(self._option), [array.tobytes() for array in self._option_arrays]
