@@ -26,9 +26,11 @@ class Prop(assets.NamedEntity):
 
     Attributes:
       free: whether scenes attach it with a free joint.
+      is_tuned: whether the physics of scenes without free objects is tuned to it, so that it needs no other options.
     """
 
     free = False
+    is_tuned = False
 
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
@@ -188,6 +190,7 @@ class Kettle(KitchenProp):
 
     xml_name = "kettle"
     free = True
+    is_tuned = True
     joint_names = ("kettle",)
 
     @property

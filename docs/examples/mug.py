@@ -12,7 +12,7 @@ from kitchen_suite.tasks import KitchenTask, Observation
 from dm_control.composer.variation import distributions, noises
 from dm_control.entities.props.primitive import Primitive
 
-PLACE = (-0.65, -0.35, 1.651)  # Of the mug on the counter, on the robot's left [m].
+PLACE = (-0.6, 0.0, 1.651)  # Of the mug on the counter, on the robot's left [m].
 
 
 def position(simulation, state):
@@ -49,9 +49,9 @@ class MugTask(KitchenTask):
 
     def __init__(self, scene, **options):
         mug = Primitive(geom_type="cylinder", size=(0.035, 0.05), mass=0.3, rgba=(0.8, 0.2, 0.2, 1), name="mug")
+        # Where the hand's end effector is when the fingers close, pointing down.
+        mug.mjcf_model.worldbody.add("site", name="grasp", pos=(0, 0, 0.015), quat=(0, 1, 0, 0))
         scene.attach(mug, pos=PLACE, free=True)
-        # Without it, the mug would slowly slip out of the fingers.
-        scene.arena.mjcf_model.option.noslip_iterations = 3
         scene.arena.mjcf_model.worldbody.add("camera", name="mug", pos=(-0.5, -0.9, 2.3), xyaxes=(1, 0, 0, 0, 0.6, 0.8))
         super().__init__(scene, **options)
 

@@ -28,6 +28,9 @@ class Physics(mjcf.Physics):
     Options in `model.opt` that have been edited act in the next step, as in MuJoCo's own.
     """
 
+    # As of the last step.
+    _evaluated_options: tuple[object, ...]
+
     def step(self, nstep: int = 1) -> None:
         """Makes physics steps as `mjcf.Physics.step` does; a PhysicsError if one has diverged.
 
