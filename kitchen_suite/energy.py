@@ -1,5 +1,8 @@
 """A bound on the energy that random actions put into a scene: what exceeds it is thrown, not moved."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import mujoco
 import numpy as np
 from dm_control.rl import control

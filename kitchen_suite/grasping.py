@@ -1,5 +1,8 @@
 """Whether fingers hold an object: a hand grasps it at its site, lifts it, holds it for ten seconds, and lets it go."""
 
+import kitchen_suite.rendering.without_gl  # noqa: F401
+
+# isort: split
 import dataclasses
 import math
 from collections.abc import Iterator
@@ -31,6 +34,8 @@ _DISTANCE = 0.12  # Of that point from the site of the grasp [m].
 _LIFT = 0.15  # Height to which an object is lifted [m].
 _SETTLING_TIME = 0.8  # After a part of the path [s].
 _CLOSING_TIME = 1.0  # Of the fingers [s].
+
+_TOUCH = 0.002  # Distance that an object moves in the hand when it is put down [m].
 
 _MAX_MISS = 0.01  # Greatest distance of the hand from the site when the fingers close [m].
 _MIN_LIFTED = 0.1  # Least height of an object that has been lifted [m].
@@ -168,15 +173,19 @@ class Grasp:
             yield action
             self._drift = max(self._drift, float(np.linalg.norm(self._in_hand() - held)))
         self.phase = "lower"
-        # By as much as the object has been lifted: it may have slipped while it was.
-        yield from self._move(at + (_LIFT - self._lifted) * _UP, _CLOSED)
+        held = self._in_hand()
+        for action in self._move(at, _CLOSED):
+            yield action
+            if np.linalg.norm(self._in_hand() - held) > _TOUCH:
+                # It hangs lower than it was grasped, and stands already.
+                break
         yield from self._wait(_SETTLING_TIME, _CLOSED)
         self.phase = "release"
         yield from self._wait(_CLOSING_TIME, _OPEN)
         yield from self._move(before, _OPEN)
         yield from self._wait(_SETTLING_TIME, _OPEN)
-        upright = self._object.xmat.reshape(3, 3).T @ start[1]
-        self._tilt = math.acos(np.clip((np.trace(upright) - 1) / 2, -1.0, 1.0))
+        upright, after = (matrix[:, 2] for matrix in (start[1], self._object.xmat.reshape(3, 3)))
+        self._tilt = math.acos(np.clip(upright @ after, -1.0, 1.0))
         self._displacement = float(np.linalg.norm(self._object.xpos - start[0]))
 
     def result(self) -> Held:

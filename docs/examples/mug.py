@@ -1,10 +1,11 @@
-"""A custom object: a mug on the counter, observed, lifted, and seen by its own camera. Run: python mug.py."""
+"""A custom object: a mug on the counter, observed, grasped, and seen by its own camera. Run: python mug.py."""
 
 import gymnasium
 import numpy as np
 
 from kitchen_suite import suite
 from kitchen_suite.entities import build_kitchen_scene
+from kitchen_suite.grasping import Grasp
 from kitchen_suite.tasks import KitchenTask, Observation
 
 # isort: split
@@ -77,3 +78,7 @@ if __name__ == "__main__":
     envs = gymnasium.make_vec("Mine/MugKitchen-v1", num_envs=4)
     envs.reset(seed=0)
     print("vectorised:", envs.step(np.zeros((4, 9)))[1])
+    for physics in ("exact", "fast"):
+        environment = MUG_KITCHEN.load(physics=physics, control_mode="ee_pose", time_limit=None)
+        environment.reset()
+        print(physics, Grasp(environment, "mug").play(environment))
