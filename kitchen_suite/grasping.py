@@ -17,6 +17,8 @@ from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes.end_effector import REACH, EndEffectorPose
 from kitchen_suite.types import Array
 
+__all__ = ["CONTROL_MODE", "GRASP", "Grasp", "Held", "grasp_sites"]
+
 GRASP = "grasp"
 """How the name of a site begins at which a hand grasps an object; see `grasp_sites`."""
 
