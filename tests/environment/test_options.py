@@ -48,3 +48,20 @@ def test_an_edited_option_acts_in_the_next_step_as_in_mujocos_own(name, physics)
     environment.step(action)
     environment.reset()
     assert np.isfinite(environment.step(action).reward)
+
+
+def test_every_option_is_watched():
+    task = suite.default_task("microwave_table")
+    environment = suite.load("microwave_table", task, {"random": 0, "visuals": False})
+    environment.reset()
+    physics = environment.physics
+    option = physics.model.ptr.opt
+    names = [name for name in dir(mujoco.MjOption) if not name.startswith("_")]
+    assert len(names) > 20
+    for name in names:
+        before, value = physics._options.raw, getattr(option, name)
+        if isinstance(value, np.ndarray):
+            value[-1] += 1.0
+        else:
+            setattr(option, name, value + 1)
+        assert physics._options.raw != before, name
