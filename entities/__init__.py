@@ -6,6 +6,7 @@ from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA, PANDA
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
 from kitchen_suite.entities.generated_kitchen import GeneratedKitchen, build_generated_kitchen
 from kitchen_suite.entities.kitchen_designs import KitchenDesign
+from kitchen_suite.entities.objects import Bottle, Can, Carton, GraspedObject, Mug
 from kitchen_suite.entities.parameters import Parameter, ParameterType
 from kitchen_suite.entities.props import (
     Counter,
@@ -35,10 +36,14 @@ from kitchen_suite.entities.scenes import (
 __all__ = [
     "KITCHEN_FRANKA",
     "PANDA",
+    "Bottle",
     "Cabinet",
     "CabinetConfig",
+    "Can",
+    "Carton",
     "Counter",
     "GeneratedKitchen",
+    "GraspedObject",
     "HingeCabinet",
     "Hood",
     "Kettle",
@@ -47,6 +52,7 @@ __all__ = [
     "KitchenProp",
     "Microwave",
     "MicrowaveTableArena",
+    "Mug",
     "OpenCabinetArena",
     "OpenCabinetScene",
     "Oven",

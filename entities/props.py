@@ -26,9 +26,11 @@ class Prop(assets.NamedEntity):
 
     Attributes:
       free: whether scenes attach it with a free joint.
+      is_tuned: whether the physics of scenes without free objects is tuned to it, so that it needs no other options.
     """
 
     free = False
+    is_tuned = False
 
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
@@ -183,21 +185,27 @@ def _write_burner(physics: mjcf.Physics, joints: Elements, value: NDArray[np.flo
 BURNER = ParameterType(read=_read_burner, write=_write_burner, model_fields=(), choices=len(BURNERS))
 
 
-class Kettle(KitchenProp):
-    """The kettle; `composer.Arena.add_free_entity` or `SiteArena.attach_at_site` adds its free joint."""
+class FreeProp(KitchenProp):
+    """An object that moves freely; `composer.Arena.add_free_entity` or a scene adds its free joint."""
 
-    xml_name = "kettle"
     free = True
-    joint_names = ("kettle",)
 
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
-        """The free joint that the arena added: 7 positions, 6 velocities. Empty while the kettle is not attached."""
+        """The free joint that the arena added: 7 positions, 6 velocities. Empty while it is not attached."""
         freejoint = mjcf.get_frame_freejoint(self._mjcf_root) if self.parent else None
         return () if freejoint is None else (freejoint,)
 
     def _build_observables(self) -> JointObservables:
         return JointObservables(self)
+
+
+class Kettle(FreeProp):
+    """The kettle, with its handle on top."""
+
+    xml_name = "kettle"
+    is_tuned = True
+    joint_names = ("kettle",)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -21,7 +21,7 @@ from kitchen_suite.entities.joints import position_sizes
 from kitchen_suite.entities.parameters import POSITION_OFFSET, SLIDING_FRICTION_SCALE, Parameter, scale
 from kitchen_suite.entities.props import Microwave, Prop
 from kitchen_suite.entities.robot import Robot, RobotSpec
-from kitchen_suite.physics_names import EXACT, FAST, PHYSICS
+from kitchen_suite.physics_names import EXACT, FAST, HOLDING_KEY, PHYSICS, PHYSICS_KEY
 
 _PEDESTAL_RADIUS = 0.05  # Radius of the pedestal in generated kitchens [m].
 _PLINTH_RADIUS = 0.09  # Radius of the plinth on the pedestal below a robot that stands higher [m].
@@ -47,6 +47,8 @@ class FastPhysics:
       cone: MuJoCo's name of the model of friction; `elliptic` keeps grasps and pushes as they are with short steps.
       sleep_tolerance: speed below which an object may be put to sleep [m/s; rad/s scaled by its length].
       refsafe: whether MuJoCo makes contacts and limits softer whose time constants are below two physics steps.
+      holding_timestep: length of a physics step with which fingers hold a free object [s], see `HOLDING_OPTIONS`; None
+        refuses scenes with one.
     """
 
     timestep: float
@@ -54,6 +56,12 @@ class FastPhysics:
     cone: str = "elliptic"
     sleep_tolerance: float = 1e-4
     refsafe: bool = False
+    holding_timestep: float | None = None
+
+
+# Options of MuJoCo with which fingers hold an object by friction; docs/results/holding.md has what was measured.
+# Without the first it slowly slips out of them, and with pyramidal cones a narrow box of 0.3 kg still does.
+HOLDING_OPTIONS: Mapping[str, Any] = MappingProxyType({"noslip_iterations": 3, "cone": "elliptic"})
 
 
 class SiteArena(assets.NamedEntity, composer.Arena):
@@ -210,10 +218,51 @@ class Scene:
             raise ValueError(f"this scene has no {FAST} physics: leave out physics")
         arena.enable_sleep()
         options = dataclasses.asdict(arena.fast_physics)
+        del options["holding_timestep"]
         arena.mjcf_model.option.flag.refsafe = "enable" if options.pop("refsafe") else "disable"
         for name, value in options.items():
             setattr(arena.mjcf_model.option, name, value)
         arena.physics = physics
+
+    @property
+    def free_objects(self) -> list[str]:
+        """Names of the objects that move freely and that fingers may hold; not the kettle, whose physics is tuned."""
+        tuned = [joint for prop in self.props.values() if prop.is_tuned for joint in prop.joints]
+        free = (joint for joint in self.arena.mjcf_model.find_all("joint") if joint.tag == "freejoint")
+        return [joint.parent.full_identifier.rstrip("/") for joint in free if joint not in tuned]
+
+    def hold_free_objects(self) -> None:
+        """Chooses options of the physics with which fingers hold the scene's free objects; nothing where it has none.
+
+        To be called once, after everything has been attached and before the scene is compiled. Options that a user has
+        set in the MJCF stay.
+
+        Raises a ValueError if the scene's physics is one that holds no object.
+        """
+        if not (names := self.free_objects):
+            return
+        option, fast = self.arena.mjcf_model.option, self.arena.fast_physics
+        if self.physics == FAST and fast is not None:
+            if fast.holding_timestep is None:
+                raise ValueError(
+                    f"{FAST} physics of this scene throws free objects such as {names[0]!r} out of the fingers, since "
+                    f"its steps of {fast.timestep:g} s are too long: use physics={EXACT!r}, or set holding_timestep of "
+                    "the arena's fast_physics; see docs/guide/custom_objects.md"
+                )
+            option.timestep = fast.holding_timestep
+        for name, value in HOLDING_OPTIONS.items():
+            if getattr(option, name) is None:
+                setattr(option, name, value)
+
+    @property
+    def info(self) -> dict[str, str]:
+        """Infos on the physics: its name unless it is the exact one, and the options that hold free objects."""
+        named = {} if self.physics == EXACT else {PHYSICS_KEY: self.physics}
+        if not self.free_objects:
+            return named
+        option = self.arena.mjcf_model.option
+        held = f"{option.timestep * 1000:g} ms, {option.cone or 'pyramidal'}, noslip {option.noslip_iterations or 0}"
+        return {**named, HOLDING_KEY: held}
 
     def prepare_appearance(self) -> None:
         """Adds the textures from which a reset may choose; to be called before the scene is compiled.
@@ -269,8 +318,8 @@ class KitchenArena(SiteArena):
     xml_name = "kitchen_arena"
     default_name = "kitchen"
     surfaces: Sequence[Surface] = appearance.KITCHEN
-    # A sixth of a control step.
-    fast_physics: FastPhysics | None = FastPhysics(timestep=0.08 / 6)
+    # A sixth of a control step; a tenth where objects are held.
+    fast_physics: FastPhysics | None = FastPhysics(timestep=0.08 / 6, holding_timestep=0.08 / 10)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -369,7 +418,7 @@ class MicrowaveTableArena(SiteArena):
     xml_name = "microwave_table_arena"
     default_name = "room"
     surfaces = appearance.MICROWAVE_TABLE
-    # A whole control step.
+    # A whole control step, which holds no object, and half of it is the step of the exact physics.
     fast_physics = FastPhysics(timestep=0.01)
 
 

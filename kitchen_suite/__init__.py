@@ -16,6 +16,7 @@ The parts are submodules, imported when first used:
 - `suite`: domains and tasks; `environment`: the dm_env environment
 - `gymnasium_env`, `vector_env`: Gymnasium environments, single and vectorised
 - `entities`, `tasks`: robots, props and scenes, and what is to be done in them, for custom environments
+- `grasping`: a hand that lifts an object, holds it and lets it go
 - `policies`, `experts`: policies by name; scripted experts, which need the extra `experts`
 """
 
@@ -29,6 +30,7 @@ if _TYPE_CHECKING:
     from kitchen_suite import entities as entities
     from kitchen_suite import environment as environment
     from kitchen_suite import experts as experts
+    from kitchen_suite import grasping as grasping
     from kitchen_suite import gymnasium_env as gymnasium_env
     from kitchen_suite import policies as policies
     from kitchen_suite import suite as suite
@@ -45,7 +47,7 @@ if _TYPE_CHECKING:
     from kitchen_suite.evaluation.methods import compare_methods as compare_methods
     from kitchen_suite.evaluation.replay import replay as replay
 
-_MODULES = ["entities", "environment", "gymnasium_env", "policies", "suite", "tasks", "vector_env"]
+_MODULES = ["entities", "environment", "grasping", "gymnasium_env", "policies", "suite", "tasks", "vector_env"]
 _MEMBERS = {
     "EnvironmentSpec": "kitchen_suite.episodes.spec:EnvironmentSpec",
     "Evaluation": "kitchen_suite.evaluation.evaluation:Evaluation",
@@ -69,6 +71,7 @@ __all__ = [
     "entities",
     "environment",
     "evaluate",
+    "grasping",
     "gymnasium_env",
     "load",
     "play",

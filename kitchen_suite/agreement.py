@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.domains.domain import Domain
+from kitchen_suite.physics_names import PHYSICS
 
 if TYPE_CHECKING:
-    from kitchen_suite.entities import Scene
     from kitchen_suite.environment import Environment
     from kitchen_suite.tasks import SuiteTask
 
@@ -45,7 +45,7 @@ def check_front_ends(domain: Domain, own_domains: Collection[str]) -> None:
         stack.callback(environment.close)
         _check_episodes(single, many, environment)
         _warn_of_success(environment.task, own_domains)
-        _warn_of_free_objects(environment.task.scene)
+        _check_energies(domain, environment)
 
 
 def _warn_of_success(task: "SuiteTask", own_domains: Collection[str]) -> None:
@@ -63,18 +63,22 @@ def _warn_of_success(task: "SuiteTask", own_domains: Collection[str]) -> None:
         )
 
 
-def _warn_of_free_objects(scene: "Scene") -> None:
-    """Warns of a user's free objects in a scene with `fast` physics."""
-    from dm_control import mjcf
+def _check_energies(domain: Domain, environment: "Environment") -> None:
+    """Bounds the energy that random actions put into a domain's scene, in the other physics where that holds objects.
 
-    free = [name for name, entity in scene.attached.items() if mjcf.get_frame_freejoint(entity.mjcf_model) is not None]
-    if free and scene.arena.fast_physics is not None:
-        warnings.warn(
-            f"the free objects {free} may be thrown out of the fingers with physics='fast', which is tuned to the "
-            "suite's own objects: use physics='exact', and noslip_iterations where they are held; see "
-            "docs/guide/custom_objects.md",
-            stacklevel=4,
-        )
+    `environment` is one of the domain in its own physics.
+    """
+    from kitchen_suite.energy import check_energy
+
+    check_energy(environment)
+    scene = environment.task.scene
+    fast = scene.arena.fast_physics
+    if not scene.free_objects or fast is None or fast.holding_timestep is None:
+        return
+    (other,) = {*PHYSICS} - {scene.physics}
+    task = domain.tasks[domain.default_task]
+    with contextlib.closing(domain.load(**{**task, "physics": other}, time_limit=None, visuals=False)) as another:
+        check_energy(another)
 
 
 def _check_episodes(single: gymnasium.Env, many: Any, environment: "Environment") -> None:

@@ -12,13 +12,15 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import kitchen_suite
-from kitchen_suite import checks, files, installation, suite
+from kitchen_suite import checks, files, grasping, installation, suite
 from kitchen_suite._version import __version__
+from kitchen_suite.domains.domain import Domain
+from kitchen_suite.environment import Environment
 from kitchen_suite.episodes.play import VectorRollout, make_controller
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.evaluation.traces import TraceRecorder
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.physics_names import EXACT, FAST
+from kitchen_suite.physics_names import EXACT, FAST, HOLDING_KEY, PHYSICS
 from kitchen_suite.policies import PolicyRef
 from kitchen_suite.rendering import gl
 from kitchen_suite.vector_env.base import processors
@@ -94,6 +96,45 @@ def examine(report: Callable[[str], object]) -> bool:
     except Exception as error:  # Whatever fails here is a fact to be told.
         add("digests", f"no episode can be played: {_in_one_line(error)}")
     return agrees
+
+
+def examine_objects(domain_name: str, report: Callable[[str], object]) -> bool:
+    """Lifts, holds and lets go each free object of a domain that has a grasp site, in each physics; a line for each.
+
+    Returns whether all are held. Raises a ValueError if the domain has no object with a grasp site.
+    """
+    domain = suite.find_domain(domain_name)
+    found, holds = False, True
+    for physics in PHYSICS:
+        try:
+            environment = _environment_of_hand(domain, physics)
+        except ValueError as error:
+            if physics == domain.physics:
+                raise
+            report(f"{physics:<8} {_in_one_line(error)}")
+            continue
+        with contextlib.closing(environment):
+            scene = environment.task.scene
+            report(f"{physics:<8} {scene.info.get(HOLDING_KEY, 'no free objects')}")
+            for name in grasping.grasp_sites(scene):
+                environment.reset()
+                held = grasping.Grasp(environment, name).play(environment)
+                report(f"{physics:<8} {name}: {held}")
+                found, holds = True, holds and not held.fault
+            for name in sorted({*scene.free_objects} - grasping.grasp_sites(scene).keys()):
+                report(f"{physics:<8} {name}: not examined, since it has no site whose name begins with 'grasp'")
+    if not found:
+        raise ValueError(
+            f"{domain.name} has no free object with a grasp site: add a site named 'grasp' where the hand's end "
+            "effector is when the fingers close; see docs/guide/custom_objects.md"
+        )
+    return holds
+
+
+def _environment_of_hand(domain: Domain, physics: str) -> Environment:
+    """Returns an environment of a domain's default task whose actions are poses of the hand."""
+    arguments = {**domain.tasks[domain.default_task], "physics": physics, "control_mode": grasping.CONTROL_MODE}
+    return domain.load(**arguments, random=0, time_limit=None, visuals=False)
 
 
 def _verdict(digest: str, known: str | None) -> str:

@@ -89,14 +89,15 @@ def register(domain: Domain) -> None:
     of Gymnasium, and in the first of three vectorised ones, which must agree in all numbers. The others have seeds and
     actions of their own, so that what mixes the environments of a batch shows. Then another of the three is the first.
 
-    Warns of a class that adds rewards or terminations and leaves success to a task of the suite, and of free objects in
-    a scene with fast physics, which is not made for them.
+    Then bounds the energy that ten steps of random actions put into the scene, in each physics that holds its free
+    objects: what exceeds it is thrown. Warns of a class that adds rewards or terminations and leaves success to a task
+    of the suite.
 
     Raises:
       TypeError: it is no `Domain`, or a term returns neither numbers nor, where it must, bools.
-      ValueError: a domain of its name exists, Gymnasium has one of its ids, the environments differ, or a term reads
-        what is not there, writes into a step, or returns a reward that is not finite; the message names the first
-        difference or the term. Nothing has changed then.
+      ValueError: a domain of its name exists, Gymnasium has one of its ids, the environments differ, a term reads
+        what is not there, writes into a step, or returns a reward that is not finite, or a body gains more energy than
+        a hand gives it; the message names the first difference, the term or the body. Nothing has changed then.
     """
     if not isinstance(domain, Domain):
         raise TypeError(f"domain must be a Domain, got {checks.shown(domain)}")

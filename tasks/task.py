@@ -228,6 +228,7 @@ class SuiteTask(composer.Task):
         self.has_begun_step = False
         self._terminates = False
         self._visualize_reward = False
+        scene.hold_free_objects()
         self.set_timesteps(control_timestep=self.default_control_timestep, physics_timestep=scene.physics_timestep)
 
     def _added_terms(self, attribute: str, dtype: type) -> dict[str, Callable[[Transition], NDArray[Any]]]:

@@ -24,6 +24,8 @@ ORDER = (
     "policies",
     "suite",
     "agreement",
+    "energy",
+    "grasping",
     "domains",
     "environment",
     "tasks",

@@ -13,7 +13,10 @@ from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaOpenCabinetEnv
 from kitchen_suite.vector_env import FrankaOpenCabinetVectorEnv
 
-PUBLIC = ("", ".suite", ".gymnasium_env", ".vector_env", ".environment", ".entities", ".tasks", ".policies", ".experts")
+PUBLIC = (
+    *("", ".suite", ".gymnasium_env", ".vector_env", ".environment", ".entities", ".tasks", ".policies", ".experts"),
+    ".grasping",
+)
 
 
 @pytest.mark.parametrize("name", PUBLIC)

@@ -1,10 +1,11 @@
-"""A custom object: a mug on the counter, observed, lifted, and seen by its own camera. Run: python mug.py."""
+"""A custom object: a mug on the counter, observed, grasped, and seen by its own camera. Run: python mug.py."""
 
 import gymnasium
 import numpy as np
 
 from kitchen_suite import suite
 from kitchen_suite.entities import build_kitchen_scene
+from kitchen_suite.grasping import Grasp
 from kitchen_suite.tasks import KitchenTask, Observation
 
 # isort: split
@@ -12,7 +13,7 @@ from kitchen_suite.tasks import KitchenTask, Observation
 from dm_control.composer.variation import distributions, noises
 from dm_control.entities.props.primitive import Primitive
 
-PLACE = (-0.65, -0.35, 1.651)  # Of the mug on the counter, on the robot's left [m].
+PLACE = (-0.6, 0.0, 1.651)  # Of the mug on the counter, on the robot's left [m].
 
 
 def position(simulation, state):
@@ -49,9 +50,9 @@ class MugTask(KitchenTask):
 
     def __init__(self, scene, **options):
         mug = Primitive(geom_type="cylinder", size=(0.035, 0.05), mass=0.3, rgba=(0.8, 0.2, 0.2, 1), name="mug")
+        # Where the hand's end effector is when the fingers close, pointing down.
+        mug.mjcf_model.worldbody.add("site", name="grasp", pos=(0, 0, 0.015), quat=(0, 1, 0, 0))
         scene.attach(mug, pos=PLACE, free=True)
-        # Without it, the mug would slowly slip out of the fingers.
-        scene.arena.mjcf_model.option.noslip_iterations = 3
         scene.arena.mjcf_model.worldbody.add("camera", name="mug", pos=(-0.5, -0.9, 2.3), xyaxes=(1, 0, 0, 0, 0.6, 0.8))
         super().__init__(scene, **options)
 
@@ -77,3 +78,7 @@ if __name__ == "__main__":
     envs = gymnasium.make_vec("Mine/MugKitchen-v1", num_envs=4)
     envs.reset(seed=0)
     print("vectorised:", envs.step(np.zeros((4, 9)))[1])
+    for physics in ("exact", "fast"):
+        environment = MUG_KITCHEN.load(physics=physics, control_mode="ee_pose", time_limit=None)
+        environment.reset()
+        print(physics, Grasp(environment, "mug").play(environment))

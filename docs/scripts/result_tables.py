@@ -769,7 +769,37 @@ def quality_speed_table() -> str:
     return markdown(("domain", "physics", "environments", "speed with quality", "of the physics steps alone"), rows)
 
 
+def holding_table(*, real: bool) -> str:
+    """Returns the table of what fingers hold: shapes, or real objects, by scene; each cell has a number by mass."""
+    rows = [row for row in read_results("holding") if (" of " not in row["kind"]) == real]
+    scenes = list(dict.fromkeys((row["domain"], row["physics"]) for row in rows))
+    cells = []
+    for kind in dict.fromkeys(row["kind"] for row in rows):
+        of_kind = [row for row in rows if row["kind"] == kind]
+        by_scene = ([row for row in of_kind if (row["domain"], row["physics"]) == scene] for scene in scenes)
+        cells.append((kind, *(", ".join(map(_held, each)) for each in by_scene)))
+    return markdown(("object" if real else "shape", *(f"`{name}`, {physics}" for name, physics in scenes)), cells)
+
+
+def _held(row: dict[str, Any]) -> str:
+    """Returns by how much an object moved in the hand [mm], or that it was not held."""
+    return f"{1000 * row['drift']:.1f}" if row["held"] and row["identical"] else "lost"
+
+
+def holding_speed_table() -> str:
+    """Returns the table of control steps a second of vectorised scenes with cans, and without."""
+    rates = {(row["domain"], row["cans"], row["physics"]): row["rate"] for row in read_results("holding_speed")}
+    rows = []
+    for domain, cans in dict.fromkeys((domain, cans) for domain, cans, _ in rates):
+        exact, fast = rates[domain, cans, "exact"], rates[domain, cans, "fast"]
+        rows.append((f"`{domain}`", cans, exact, fast, f"{fast / exact:.1f}"))
+    return markdown(("domain", "cans", "`exact` [control steps/s]", "`fast` [control steps/s]", "fast / exact"), rows)
+
+
 RESULT_TABLES: dict[str, Callable[[], str]] = {
+    "holding_shapes": functools.partial(holding_table, real=False),
+    "holding_objects": functools.partial(holding_table, real=True),
+    "holding_speed": holding_speed_table,
     "control_modes_tracking": tracking_table,
     "control_modes_speed": control_speed_table,
     "kitchen_rewards": reward_table,

@@ -530,7 +530,7 @@ def cabinet_grasp_reward_table() -> str:
 
 
 # Classes that are not built by calling them without arguments.
-_NOT_ALONE = (Robot, entities.KitchenProp, entities.Prop, entities.SiteArena)
+_NOT_ALONE = (Robot, entities.GraspedObject, entities.KitchenProp, entities.Prop, entities.SiteArena)
 
 
 def builders() -> dict[str, Callable[[], composer.Entity]]:

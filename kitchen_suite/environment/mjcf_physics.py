@@ -1,5 +1,6 @@
 """The `mjcf.Physics` of the suite's environments: images from scenes that are kept, further names of elements."""
 
+import ctypes
 from collections.abc import Callable, Mapping, Sequence
 
 import mujoco
@@ -13,9 +14,19 @@ from kitchen_suite.environment.named_model import NamedData, NamedModel, Names
 from kitchen_suite.rendering import contexts
 from kitchen_suite.rendering.measuring import Camera
 
+# Bytes before the first array of MuJoCo's options and after the last one that have the options that are numbers. The
+# options are within the model, so that there is memory of the model on both sides.
+_NUMBERS = 64
+
 
 class Physics(mjcf.Physics):
-    """`mjcf.Physics` that keeps the scenes it renders, in a GL context of the suite; see `rendering.contexts`."""
+    """`mjcf.Physics` that keeps the scenes it renders, in a GL context of the suite; see `rendering.contexts`.
+
+    Options in `model.opt` that have been edited act in the next step, as in MuJoCo's own.
+    """
+
+    # As of the last step.
+    _evaluated_options: bytes
 
     def step(self, nstep: int = 1) -> None:
         """Makes physics steps as `mjcf.Physics.step` does; a PhysicsError if one has diverged.
@@ -24,6 +35,12 @@ class Physics(mjcf.Physics):
         """
         before = self._warnings.tobytes()
         if self.legacy_step:
+            options = self._options.raw
+            if options != self._evaluated_options:
+                # The step begins with MuJoCo's second half, which takes from the first what it needs for the options,
+                # such as memory: with `noslip_iterations` that the first half did not know it ends the process.
+                mujoco.mj_step1(self.model.ptr, self.data.ptr)
+                self._evaluated_options = options
             self._step_with_up_to_date_position_velocity(nstep)
         else:
             mujoco.mj_step(self.model.ptr, self.data.ptr, nstep)
@@ -96,4 +113,9 @@ class Physics(mjcf.Physics):
     def _reload_from_data(self, data: MjData) -> None:
         # Not in the constructor, which copies do without.
         self._cameras: dict[tuple[int, int, int | str], Camera] = {}
+        option = data.model.ptr.opt
+        # Comparing the options one by one takes a twentieth of the time of a short step.
+        start, end = option.gravity.ctypes.data - _NUMBERS, option.o_friction.ctypes.data + option.o_friction.nbytes
+        self._options = (ctypes.c_char * (end + _NUMBERS - start)).from_address(start)
+        self._evaluated_options = self._options.raw
         super()._reload_from_data(data)

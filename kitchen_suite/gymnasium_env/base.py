@@ -20,7 +20,7 @@ from kitchen_suite.environment.seeds import EpisodeSeeds
 from kitchen_suite.gymnasium_env import observations
 from kitchen_suite.gymnasium_env.observations import Observations, Present
 from kitchen_suite.gymnasium_env.renderer import RENDER_MODES, Renderer, checked_render_mode
-from kitchen_suite.physics_names import EXACT
+from kitchen_suite.physics_names import PHYSICS_KEY
 from kitchen_suite.rendering import cameras
 from kitchen_suite.tasks.pictures import DEFAULT_SIZE as IMAGE_SIZE
 from kitchen_suite.tasks.requests import VARIATION, VARIATION_VALUES
@@ -33,7 +33,6 @@ RESET_MASK = "reset_mask"
 
 # Keys of infos that hold strings.
 VARIATION_SPLIT = "variation_split"
-PHYSICS_KEY = "physics"
 INSTRUCTION = "instruction"
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
@@ -136,7 +135,7 @@ class SuiteEnv(gymnasium.Env):
           render_quality: `high`, or `fast`, without shadows, reflections and sky; when omitted, `fast` where images are
             those of `render()` alone, and `high` where images are observed. Both are of one model.
           physics: `exact` or `fast`, see docs/guide/fast_physics.md; the domain's when omitted. With `fast`, infos have
-            `physics`.
+            `physics`; where a scene has free objects, `holding` names the options that hold them.
           control_timestep: length of a control step [s], a whole number of physics steps; the domain's when omitted.
             Where it is another one, infos have `control_timestep`. Step limits stay as many control steps.
           quality: whether infos also say how well the episode has been done up to now: contact forces, objects that
@@ -204,7 +203,7 @@ class SuiteEnv(gymnasium.Env):
         if self.has_instructions and not self.instruction:
             raise ValueError(f"the tasks of {record.name} have no sentences: leave out instructions")
         self.varies = bool(self.composer_task.variations.by_name)
-        self._physics_info = {} if physics == EXACT else {PHYSICS_KEY: physics}
+        self._physics_info = self.composer_task.scene.info
         self.renderer.check_camera(self.environment)
         rate = 1 / self.environment.control_timestep()
         self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}

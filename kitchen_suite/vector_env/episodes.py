@@ -16,8 +16,6 @@ from kitchen_suite.environment import INTEGRATION_STATE, Environment
 from kitchen_suite.environment.physics_state import moving_elements
 from kitchen_suite.environment.seeds import EpisodeSeeds
 from kitchen_suite.environment.snapshots import ModelSnapshot, read_field, write_field
-from kitchen_suite.gymnasium_env.base import PHYSICS_KEY
-from kitchen_suite.physics_names import EXACT
 from kitchen_suite.tasks.episode.draws import BatchDraws
 from kitchen_suite.tasks.episode.part import EpisodePart, MeasuringPart
 from kitchen_suite.tasks.episode.pushes import Pushes
@@ -259,8 +257,8 @@ class BatchEpisodes:
 
     def variation_info(self) -> dict[str, Any]:
         """Returns the infos on variation, physics and control step: fresh arrays `(n, ...)`, and dicts of these."""
-        physics = self._task.scene.physics
-        named = {} if physics == EXACT else {PHYSICS_KEY: np.full(self.steps.shape, physics, object)}
+        physics = self._task.scene.info.items()
+        named = {name: np.full(self.steps.shape, value, object) for name, value in physics}
         changed = self._environments[0].changed_timestep.items()
         timestep = {name: np.full(self.steps.shape, value) for name, value in changed}
         return {**info_arrays.copied(self.state.variation), **named, **timestep}
