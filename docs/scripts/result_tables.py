@@ -15,7 +15,7 @@ from tabulate import tabulate
 from kitchen_suite.entities.kitchen_designs import SPLITS
 from kitchen_suite.evaluation.compare import compare
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
-from kitchen_suite.evaluation.text import format_comparison
+from kitchen_suite.evaluation.text import format_comparison, p_text
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.generated_kitchens import certificates
 
@@ -311,6 +311,21 @@ def _shift_table(cell: Callable[[Mapping[str, Any], str], str]) -> str:
         for condition in PROTOCOLS["shift"].conditions
     ]
     return markdown(("condition", *found), rows)
+
+
+def shift_cost_table() -> str:
+    """Returns the table of what each condition of `shift` costs, from the result of `docs/experiments/shift.py`."""
+    found = read_results("shift_costs")
+    rows = []
+    for condition in next(iter(found.values()))["success"]:
+        cells = []
+        for result in found.values():
+            score = result["success"][condition]
+            low, high = (f"{100 * bound:+.1f}" for bound in score["interval"])
+            cells += [f"{100 * score['difference']:+.0f} ({low} to {high})", p_text(score["p_value_holm"])]
+        rows.append((f"`{condition}`", *cells))
+    header = [cell for policy in found for cell in (f"{policy} [points]", "p (Holm)")]
+    return markdown(("condition", *header), rows)
 
 
 def task_rate_table() -> str:
@@ -818,6 +833,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "quality_speed": quality_speed_table,
     "evaluation_goals": goals_table,
     "evaluation_shift": shift_table,
+    "shift_costs": shift_cost_table,
     "evaluation_summary": summary_table,
     "evaluation_shift_summary": shift_summary_table,
     "evaluation_tasks": task_rate_table,
