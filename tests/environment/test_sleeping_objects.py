@@ -1,5 +1,7 @@
 """Saved states and copies where objects sleep, of which MuJoCo keeps more than its state."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from dm_control.entities.props.primitive import Primitive
@@ -51,6 +53,8 @@ def test_what_sleeps_wakes_in_a_copy_as_in_the_original(name):
 def test_a_touch_sensor_of_a_sleeping_object_has_its_force_after_set_state():
     def build():
         scene = entities.build_microwave_table_scene(visuals=False)
+        # Nothing holds the mug, so that it is asleep in the fast physics as it is.
+        scene.arena.fast_physics = dataclasses.replace(scene.arena.fast_physics, holding_timestep=0.01)
         scene.use_physics("fast")
         mug = Primitive(geom_type="box", size=(0.04, 0.04, 0.04), mass=0.3, name="mug")
         site = mug.mjcf_model.worldbody.add("site", name="touch", type="sphere", size=(0.1,))

@@ -21,6 +21,7 @@ from kitchen_suite.evaluation import text
 from kitchen_suite.evaluation.evaluation import Evaluation
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder
 from kitchen_suite.evaluation.plan import Replaced, make_unprepared_plan
+from kitchen_suite.evaluation.rollout import PlayedEpisode
 from kitchen_suite.evaluation.scores import EpisodeResult
 from kitchen_suite.evaluation.traces import Trace
 from kitchen_suite.policies import PolicyRef
@@ -109,8 +110,9 @@ def test_every_condition_of_a_protocol_is_scored(run, tmp_path):
     assert list(result["conditions"]) == ["complete", "partial", "mixed"]
     assert result["task_name"] == "complete"
     assert result["d4rl_score"] == 0.0
-    assert out.splitlines()[-5].split()[:3] == ["condition", "p1", "p2"]
-    assert [line.split()[0] for line in out.splitlines()[-3:]] == ["complete", "partial", "mixed"]
+    lines = out.partition("\ncondition ")[2].splitlines()
+    assert lines[0].split()[:2] == ["p1", "p2"]
+    assert [line.split()[0] for line in lines[2:5]] == ["complete", "partial", "mixed"]
 
 
 DESCRIPTION = {"protocol": "default", "conditions": {"all": {}}}
@@ -141,7 +143,7 @@ def add_results(folder, seeds, barrier):
             # Longer than the buffers of files.
             measures={f"measure {number}": float(number) for number in range(1_000)},
         )
-        opened.add((result, trace_of(seed)))
+        opened.add(PlayedEpisode(result, trace_of(seed)))
 
 
 @pytest.mark.full
@@ -157,7 +159,7 @@ def test_lines_of_several_processes_do_not_mix(tmp_path):
         process.join()
     found = EvaluationFolder.resume(tmp_path / "runs", DESCRIPTION)
     assert sorted(found.played) == [("all", seed) for seed in range(70)]
-    assert all(trace.actions[0, 0] == result.seed for result, trace in found.played.values())
+    assert all(trace.actions[0, 0] == result.seed for result, trace, _ in found.played.values())
 
 
 @pytest.mark.full
