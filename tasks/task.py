@@ -428,7 +428,9 @@ class SuiteTask(composer.Task):
         """The quality of the present episode by name, as infos have it; empty if it is not measured."""
         if self.meter is None:
             return {}
-        return {name: value.item() for name, value in self.episode.parts[self.meter.name].info().items()}
+        measuring = (self.meter.name, LastingSuccess.name)
+        infos = [self.parts[name].info(self.episode.parts[name]) for name in measuring]
+        return {name: value.item() for info in infos for name, value in info.items()}
 
     @property
     def disturbed_objects(self) -> list[str]:

@@ -29,6 +29,8 @@ from kitchen_suite.vector_env.generated_kitchens import GeneratedKitchenVectorEn
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 
 TYPES = {
+    "success_at_end": np.bool_,
+    "steps_to_success": np.int64,
     "peak_contact_force": np.float64,
     "mean_contact_force": np.float64,
     "peak_arm_contact_force": np.float64,
@@ -184,7 +186,7 @@ def test_an_environment_of_dm_control_and_its_pickle_have_the_quality():
         pickled.step(action)
     assert environment.task.quality == pickled.task.quality
     assert environment.task.quality.keys() == TYPES.keys()
-    assert all(type(value) in (int, float) for value in environment.task.quality.values())
+    assert all(type(value) in (bool, int, float) for value in environment.task.quality.values())
 
 
 @pytest.mark.parametrize(
