@@ -1,4 +1,4 @@
-"""What fingers hold: objects by mass, physics and domain, and what it costs; docs/results/holding.md has the tables.
+"""Measures which objects fingers hold, and at what cost in speed; docs/results/holding.md has the tables.
 
 python docs/scripts/holding.py holds   lifts each object, holds it for ten seconds and lets it go: results/holding.json
 python docs/scripts/holding.py speed   rates of vectorised scenes with cans: results/holding_speed.json

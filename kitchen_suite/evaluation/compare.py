@@ -50,7 +50,7 @@ class PairedComparison:
 
     @property
     def unit(self) -> str:
-        """What counts as one observation: an episode, or a condition where these are a sample, such as a kitchen."""
+        """The unit of observation: an episode, or a condition where these are a sample, such as a kitchen."""
         return self.first.unit
 
     @property
@@ -115,7 +115,7 @@ class PairedComparison:
 
     @property
     def circumstances(self) -> dict[str, Any]:
-        """What both policies were compared on, as JSON represents it."""
+        """The episodes that both policies played, as JSON represents them."""
         return circumstances([self.first, self.second], self.across)
 
     @property

@@ -168,10 +168,11 @@ def _found(plan: EvaluationPlan, name: str, folder: EvaluationFolder) -> list[Ep
     results = []
     for key in _keys(plan, name):
         if key in folder.played:
-            result, trace, _ = folder.played[key]
+            result = folder.played[key].result
             index = key[1]
-            problem = problem_of_episode(plan, name, index, result) or problem_of_trace(plan, result, trace)
-            if result.success_at_end is None:
+            problem = problem_of_episode(plan, name, index, result)
+            problem = problem or problem_of_trace(plan, result, folder.played[key].trace)
+            if not problem and result.success_at_end is None:
                 problem = "does not say whether it ends in success"
             if problem or result.reset != plan.reset_options(name, index):
                 what = f"episode {index} of {name} {problem or 'asks for something else'}"

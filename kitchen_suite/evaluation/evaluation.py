@@ -73,7 +73,7 @@ class Evaluation:
 
     @property
     def shifts(self) -> dict[str, dict[str, PairedScore]]:
-        """What each condition changes, where the protocol has a control arm, as `shift` has; else empty.
+        """The effect of each condition, where the protocol has a control arm, as `shift` has; else empty.
 
         By condition and by name of a score, `success` first: the score of the condition, `a`, less that of the control
         arm, `b`, in episodes of the same seed, with its interval, and p-values adjusted for the number of conditions.

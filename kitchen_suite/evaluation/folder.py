@@ -65,12 +65,12 @@ class EvaluationFolder:
 
     def add(self, played: PlayedEpisode) -> None:
         """Adds an episode: first its trace, so that an episode with a line has one."""
-        result, trace, _ = played
+        result = played.result
         if self._folder:
             path = self._trace_path(self._folder, result)
             with files.made_folder(path.parent):
                 with files.atomic_write(path) as partial:
-                    partial.write_bytes(files.pack_arrays(stacked([trace])))
+                    partial.write_bytes(files.pack_arrays(stacked([played.trace])))
                 try:
                     _append(self._folder / EPISODES_FILE, files.json_text(result.as_json()))
                 except OSError:

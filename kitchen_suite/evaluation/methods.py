@@ -171,7 +171,7 @@ class MethodComparison:
 
     @property
     def circumstances(self) -> dict[str, Any]:
-        """What both methods were compared on, as JSON represents it."""
+        """The episodes that both methods played, as JSON represents them."""
         return circumstances(self.sides)
 
     def as_json(self) -> dict[str, Any]:

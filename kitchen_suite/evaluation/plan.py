@@ -123,7 +123,7 @@ class EvaluationPlan:
 
     @property
     def unit(self) -> str:
-        """What counts as one observation, such as an episode: see `Protocol.unit`."""
+        """The unit of observation, such as an episode: see `Protocol.unit`."""
         return PROTOCOLS[self.protocol].unit if self.is_sample else EPISODE
 
     @property

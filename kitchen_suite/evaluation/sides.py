@@ -177,7 +177,7 @@ def check_across(sides: Sequence[Side], across: Sequence[str]) -> None:
 
 
 class Difference(NamedTuple):
-    """What keeps two sides from being pairs.
+    """A difference of two sides by which they are no pairs.
 
     Attributes:
       text: what differs, for a message.

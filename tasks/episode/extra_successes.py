@@ -27,7 +27,7 @@ class OwnSuccess(NamedTuple):
 
     def after(self, conditions: dict[str, NDArray[np.bool_]]) -> Self:
         """Returns that after one more step, with the conditions `(...)` by name that are true then."""
-        return type(self)(conditions, self.reached | functools.reduce(operator.and_, conditions.values()))
+        return type(self)(conditions, self.reached | _all(conditions))
 
 
 class ExtraSuccesses(EpisodePart):
@@ -42,7 +42,7 @@ class ExtraSuccesses(EpisodePart):
 
     def holds(self, step: Transition) -> NDArray[np.bool_]:
         """Returns whether `(...)` all conditions are true after a control step."""
-        return functools.reduce(operator.and_, [condition(step) for condition in self._conditions.values()])
+        return _all({name: condition(step) for name, condition in self._conditions.items()})
 
     def start(self, part: Any, simulation: Simulation, mdp_state: Any, draws: Draws) -> OwnSuccess:
         return OwnSuccess({name: np.array(False) for name in self._conditions}, np.array(False))
@@ -57,7 +57,12 @@ class ExtraSuccesses(EpisodePart):
         return {**info, **infos}
 
     def succeeds(self, part: OwnSuccess, success: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        return functools.reduce(operator.and_, part.conditions.values())
+        return _all(part.conditions)
 
     def info(self, part: OwnSuccess) -> dict[str, NDArray]:
         return {f"success/{name}": np.array(condition) for name, condition in part.conditions.items()}
+
+
+def _all(conditions: Mapping[str, NDArray[np.bool_]]) -> NDArray[np.bool_]:
+    """Returns whether `(...)` all conditions `(...)` are true."""
+    return functools.reduce(operator.and_, conditions.values())

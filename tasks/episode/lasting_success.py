@@ -51,8 +51,10 @@ class LastingSuccess(EpisodePart):
         if self._own is not None:
             holds = self._own.holds(step)
             return part.after(holds, holds)
-        reached = np.asarray(self._mdp.info(step.after)["is_success"], bool)
-        return part.after(reached, self._mdp.succeeds(step.after))
+        # The reward has not been computed yet, and infos may name its terms.
+        state = step.after._replace(terms=self._mdp.no_reward(part.steps.shape))
+        reached = np.asarray(self._mdp.info(state)["is_success"], bool)
+        return part.after(reached, self._mdp.succeeds(state))
 
     def info(self, part: SuccessTimes) -> dict[str, NDArray]:
         return {name: np.array(getattr(part, name)) for name in ("success_at_end", "steps_to_success")}
