@@ -106,6 +106,9 @@ class Cluster:
             return
         own = {"num_cpus": processors(), "include_dashboard": False} if self.address is None else {}
         handler = signal.getsignal(signal.SIGTERM)
+        # The processes that Ray starts inherit this mask, as Ray has them do for SIGINT. Otherwise a SIGTERM to the
+        # whole group of processes ends them first, and Ray then ends this process before it can say what happened.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
         try:
             try:
                 ray.init(self.address or "local", log_to_driver=False, logging_level="ERROR", **own)
@@ -115,6 +118,7 @@ class Cluster:
                 # Ray replaces it when it is started, by one with which the process can end by signal 6.
                 if threading.current_thread() is threading.main_thread():
                     signal.signal(signal.SIGTERM, handler)
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             yield ray
         finally:
             ray.shutdown()
