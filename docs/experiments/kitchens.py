@@ -33,7 +33,7 @@ from kitchen_suite.entities.kitchen_designs import SPLITS
 from kitchen_suite.evaluation.certification import certify
 from kitchen_suite.evaluation.scores import wilson
 from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of
-from kitchen_suite.tasks.generated_kitchens.mdp import Slots
+from kitchen_suite.tasks.generated_kitchens.slots import Slots
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES
 from kitchen_suite.vector_env.base import processors
 from kitchen_suite.vector_env.generated_kitchens import GeneratedKitchenVectorEnv

@@ -42,6 +42,7 @@ from kitchen_suite.tasks.episode.extra_observables import offered
 from kitchen_suite.tasks.episode.noise_and_delay import NoiseAndDelay
 from kitchen_suite.tasks.episode.pushes import Pushes
 from kitchen_suite.tasks.generated_kitchens import mdp as kitchens
+from kitchen_suite.tasks.generated_kitchens import slots
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.variations import DONE, done_parameter
 from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
@@ -286,7 +287,7 @@ _KITCHENS_CONTENT = {
     "joint_positions": "arm [rad] and fingers [m], ±1 mrad or mm",
     "joint_velocities": "their velocities [rad/s, m/s], ±1 mrad/s or mm/s",
     "hand_pose": "position of the hand [m], and the first two columns of its rotation matrix",
-    "slots": f"{kitchens.MAX_PARTS} slots of {kitchens.SLOT_SIZE} numbers",
+    "slots": f"{kitchens.MAX_PARTS} slots of {slots.SLOT_SIZE} numbers",
 }
 _SLOT_CONTENT = {
     "kind": f"1 for its kind, 0 for the others: {', '.join(PART_KINDS)}",
@@ -846,7 +847,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "fixtures": fixture_table,
     "kitchens_tasks": functools.partial(task_table, "kitchens"),
     "kitchens_observation": functools.partial(part_table, kitchens.SLICES, _KITCHENS_CONTENT),
-    "kitchens_slots": functools.partial(part_table, kitchens.SLOT_SLICES, _SLOT_CONTENT),
+    "kitchens_slots": functools.partial(part_table, slots.SLOT_SLICES, _SLOT_CONTENT),
     "open_cabinet_tasks": functools.partial(task_table, "open_cabinet"),
     "variations": functools.partial(parameter_table, GROUPS[:4]),
     "variations_of_looks": functools.partial(parameter_table, GROUPS[4:]),

@@ -17,11 +17,11 @@ from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of, 
 from kitchen_suite.tasks.generated_kitchens.mdp import (
     GeneratedKitchenMDP,
     GeneratedKitchenState,
-    SlotSensors,
     noise_scale,
 )
 from kitchen_suite.tasks.generated_kitchens.metrics import PartRecords
 from kitchen_suite.tasks.generated_kitchens.requests import VERBS, PartRequests, verb_of
+from kitchen_suite.tasks.generated_kitchens.slots import SlotSensors
 from kitchen_suite.tasks.generated_kitchens.variations import VARIED
 from kitchen_suite.tasks.highlighting import Highlighting
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, CONTROL_TIMESTEP
@@ -57,7 +57,7 @@ class GeneratedKitchenTask(SuiteTask):
     Reward: 1 for each task that a step completes; or a dense one, as in the kitchen.
     End: discount 0 once all tasks that the episode asks for have been completed, with the sparse reward.
     Observations: 363 numbers, fewer with `num_slots`, in four parts, in single precision, with noise: joints, the pose
-      of the hand, and slots of parts, the requested ones first; see `mdp.SLICES` and `mdp.SLOT_SLICES`.
+      of the hand, and slots of parts, the requested ones first; see `mdp.SLICES` and `slots.SLOT_SLICES`.
 
     Attributes:
       requests: the parts that episodes ask for.

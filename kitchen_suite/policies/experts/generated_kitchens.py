@@ -29,7 +29,8 @@ from kitchen_suite.policies.experts.skills import ArcMove, HandOrientation, Move
 from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.registry import make_mode
 from kitchen_suite.tasks.generated_kitchens import mdp
-from kitchen_suite.tasks.generated_kitchens.mdp import SLICES, SLOT_SIZE, SLOT_SLICES, SlotSensors, size
+from kitchen_suite.tasks.generated_kitchens.mdp import SLICES, size
+from kitchen_suite.tasks.generated_kitchens.slots import SLOT_SIZE, SLOT_SLICES, SlotSensors
 from kitchen_suite.tasks.generated_kitchens.task import GeneratedKitchenTask
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
 from kitchen_suite.tasks.kitchen.goals import GOALS

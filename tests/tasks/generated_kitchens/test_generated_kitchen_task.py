@@ -14,8 +14,9 @@ from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS
 from kitchen_suite.physics_names import FAST
 from kitchen_suite.tasks.generated_kitchens import mdp
-from kitchen_suite.tasks.generated_kitchens.mdp import CLOSED, NOISE_SIZE, OPEN, SIZE, SLICES, SLOT_SIZE, SLOT_SLICES
+from kitchen_suite.tasks.generated_kitchens.mdp import CLOSED, OPEN, SIZE, SLICES
 from kitchen_suite.tasks.generated_kitchens.requests import VERBS
+from kitchen_suite.tasks.generated_kitchens.slots import NOISE_SIZE, SLOT_SIZE, SLOT_SLICES
 
 # A kitchen with an oven, a hood, a kettle, drawers and doors, and one with a stove, drawers and doors.
 ROWS = [
