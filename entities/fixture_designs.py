@@ -5,6 +5,7 @@ The origin is at the upper edge of a fixture below a counter, and of a tall one 
 is at the lower edge.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, NamedTuple, get_args
@@ -26,6 +27,7 @@ from kitchen_suite.entities.fixtures import (
     Part,
 )
 from kitchen_suite.entities.kitchen_styles import Style
+from kitchen_suite.entities.places import ROOM, Place
 from kitchen_suite.entities.props import Prop
 from kitchen_suite.types import Vector
 
@@ -45,6 +47,9 @@ _TALL_BOTTOM = -0.75  # Lower edge of a tall cabinet, from the counter's height 
 _TALL_TOP = 0.85  # Upper edge of a tall cabinet, from the counter's height up [m].
 
 _OVEN_COUNTER = 1.6  # Height of the kitchen's counter above the frame of its oven [m].
+_OVEN_TOP = 0.0184  # Height of the oven's top above the counter [m].
+
+_BURNER_RADIUS = 0.1  # Distance from the middle of a burner up to which the centre of an object is on it [m].
 
 STOVE_WIDTH = 0.45  # Least width of a stove [m].
 SLIDING_WIDTH = 0.5  # Least width of a cabinet with a sliding door [m].
@@ -132,6 +137,11 @@ class FixtureDesign(
         """Position of the frame of its entity in the fixture's frame [m]."""
         return 0.0, 0.0, 0.0
 
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Places for objects, in the fixture's frame: those that an arm may reach."""
+        return ()
+
     def build(self, style: Style, *, visuals: bool, name: str) -> BuiltFixture:
         """Builds the fixture.
 
@@ -177,12 +187,37 @@ class DrawersDesign(BoxDesign, frozen=True, tag="drawers"):
     def extent(self) -> Extent:
         return _base_extent(self.width, self.height)
 
+    @property
+    def _drawer_height(self) -> float:
+        """Height of a drawer with its front and the gap around it [m]."""
+        return (self.height - WORKTOP) / self.count
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        half = self.width / 2 - PANEL - GAP - 0.01
+        drawers = []
+        for number in range(self.count):
+            name = f"drawer_{number + 1}"
+            floor = -WORKTOP - (number + 1) * self._drawer_height + PANEL + GAP + 0.01
+            drawers.append(
+                Place(
+                    kind="drawer",
+                    name=name,
+                    words=_numbered("drawer", number, self.count),
+                    low=(-half, PANEL, floor),
+                    high=(half, _DRAWER_TRAVEL, floor + ROOM),
+                    parts=(name,),
+                    moves=True,
+                )
+            )
+        return (_worktop(self), *drawers)
+
     def furnish(self, fixture: BoxFixture) -> None:
         extent = self.extent
         half_width = self.width / 2
         fixture.add_worktop(self.width, extent.depth, extent.top)
         fixture.add_carcass((-half_width, 0, extent.bottom), (half_width, extent.depth, -WORKTOP))
-        height = (self.height - WORKTOP) / self.count
+        height = self._drawer_height
         inner = half_width - PANEL - GAP
         back = extent.depth - 2 * PANEL
         joint = {"type": "slide", "axis": (0, -1, 0), "range": (0, _DRAWER_TRAVEL), "damping": 8, "frictionloss": 2}
@@ -250,6 +285,10 @@ class BaseDoorsDesign(DoorsDesign, frozen=True, tag="base_doors"):
         fixture.add_worktop(self.width, extent.depth, extent.top)
         _add_doors(fixture, self, top=extent.top - WORKTOP)
 
+    @property
+    def places(self) -> tuple[Place, ...]:
+        return (_worktop(self), _inside(self))
+
 
 class StoveDesign(BoxDesign, frozen=True, tag="stove"):
     """A stove below a cooktop, with knobs in its front.
@@ -285,11 +324,20 @@ class StoveDesign(BoxDesign, frozen=True, tag="stove"):
         for number in range(self.count):
             words = _numbered("knob", number, self.count, ("left", "middle", "right"))
             _add_knob(fixture, f"knob_{number + 1}", words, (number - (self.count - 1) / 2) * step)
-        for x in (-0.22 * width, 0.22 * width):
-            for y in (0.27 * depth, 0.73 * depth):
-                for radius, height, material in ((0.09, 0.002, "steel"), (0.08, 0.003, "dark")):
-                    plate = {"type": "cylinder", "size": (radius, height), "pos": (x, y, 0)}
-                    body.add("geom", dclass="visual", material=material, **plate)
+        for x, y in self._burners:
+            for radius, height, material in ((0.09, 0.002, "steel"), (0.08, 0.003, "dark")):
+                plate = {"type": "cylinder", "size": (radius, height), "pos": (x, y, 0)}
+                body.add("geom", dclass="visual", material=material, **plate)
+
+    @property
+    def _burners(self) -> Sequence[tuple[float, float]]:
+        """Middles of the burners on the cooktop: left to right, and at each side front to back [m]."""
+        depth = self.extent.depth
+        return [(x, y) for x in (-0.22 * self.width, 0.22 * self.width) for y in (0.27 * depth, 0.73 * depth)]
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        return (_worktop(self), *_burners([(x, y, 0.0) for x, y in self._burners]))
 
 
 class WallDoorsDesign(DoorsDesign, frozen=True, tag="wall_doors"):
@@ -307,6 +355,10 @@ class WallDoorsDesign(DoorsDesign, frozen=True, tag="wall_doors"):
 
     def furnish(self, fixture: BoxFixture) -> None:
         _add_doors(fixture, self, top=self.extent.top)
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        return (_inside(self),)
 
 
 class WallSlidingDesign(BoxDesign, frozen=True, tag="wall_sliding"):
@@ -348,6 +400,14 @@ class WallSlidingDesign(BoxDesign, frozen=True, tag="wall_sliding"):
         fixture.add_box(body, "door", (left, -PANEL - GAP, GAP), (right, -GAP, upper), "front", 1.0)
         place = (-sign * (half_width - _EDGE - GAP), -PANEL - GAP, _CORNER)
         fixture.add_handle(body, self.handle, place, upright=True)
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        extent = self.extent
+        side = self.width / 2 - PANEL
+        x = (-side, 0.0) if self.hinge == "left" else (0.0, side)
+        place = Place.on("cabinet", "inside", "", x=x, y=(PANEL, extent.depth - PANEL), z=PANEL)
+        return (dataclasses.replace(place, parts=("door",)),)
 
 
 class TallDoorDesign(BoxDesign, frozen=True, tag="tall_door"):
@@ -446,6 +506,13 @@ class OvenDesign(KitchenPropDesign, frozen=True, tag="oven"):
     low = (-0.402, -0.704, 0.0)
     high = (0.598, 0.613, 2.39)
 
+    @property
+    def places(self) -> tuple[Place, ...]:
+        # Middles of the burners in `xml/oven.xml`, in the order of those of stoves.
+        burners = [(-0.223, 0.293), (-0.22, 0.734), (0.223, 0.293), (0.221, 0.734)]
+        top = Place.on("worktop", "worktop", "top", x=(-0.49, 0.49), y=(0.08, 0.6), z=_OVEN_TOP)
+        return (top, *_burners([(x, y, _OVEN_TOP) for x, y in burners]))
+
 
 class HoodDesign(KitchenPropDesign, frozen=True, tag="hood"):
     """The hood above the kitchen's oven, with the light switch."""
@@ -481,6 +548,11 @@ class HingeCabinetDesign(KitchenPropDesign, frozen=True, tag="hinge_cabinet"):
     high = (0.4, 0.3, 0.2)
     room = 0.12
 
+    @property
+    def places(self) -> tuple[Place, ...]:
+        place = Place.on("cabinet", "inside", "", x=(0.04, 0.36), y=(0.05, 0.61), z=0.04)
+        return (dataclasses.replace(place, parts=("right_hinge_cabinet",)),)
+
 
 class SlideCabinetDesign(KitchenPropDesign, frozen=True, tag="slide_cabinet"):
     """The kitchen's cabinet with a sliding door."""
@@ -493,6 +565,11 @@ class SlideCabinetDesign(KitchenPropDesign, frozen=True, tag="slide_cabinet"):
     high = (0.45, 0.3, 0.2)
     room = 0.11
 
+    @property
+    def places(self) -> tuple[Place, ...]:
+        place = Place.on("cabinet", "inside", "", x=(-0.4, 0.0), y=(0.06, 0.61), z=0.04)
+        return (dataclasses.replace(place, parts=("slide_cabinet",)),)
+
 
 class MicrowaveDesign(KitchenPropDesign, frozen=True, tag="microwave"):
     """The kitchen's microwave."""
@@ -504,6 +581,11 @@ class MicrowaveDesign(KitchenPropDesign, frozen=True, tag="microwave"):
     low = (-0.345, -0.221, 0.0)
     high = (0.345, 0.222, 0.374)
     room = 0.1
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        place = Place.on("microwave", "inside", "", x=(-0.287, 0.127), y=(0.046, 0.382), z=0.048)
+        return (dataclasses.replace(place, parts=("microwave",)),)
 
 
 AnyFixture = (
@@ -540,6 +622,31 @@ def _wall_extent(width: float, height: float) -> Extent:
 def _box_extent(width: float, *, bottom: float, top: float, depth: float) -> Extent:
     """Returns what a fixture of boxes takes up, with its handles [m]."""
     return Extent((-width / 2, -_ROOM, bottom), (width / 2, depth, top))
+
+
+def _worktop(design: FixtureDesign) -> Place:
+    """Returns the top of a fixture of boxes below a counter as a place."""
+    half_width = design.extent.width / 2
+    return Place.on("worktop", "worktop", "top", x=(-half_width, half_width), y=(0.0, design.extent.depth), z=0.0)
+
+
+def _burners(middles: Sequence[Vector]) -> tuple[Place, ...]:
+    """Returns four burners as places: left to right, and at each side front to back."""
+    words = ("front left burner", "back left burner", "front right burner", "back right burner")
+    half = (_BURNER_RADIUS, _BURNER_RADIUS)
+    return tuple(
+        Place.around("burner", f"burner_{number + 1}", words[number], middle, half)
+        for number, middle in enumerate(middles)
+    )
+
+
+def _inside(design: DoorsDesign) -> Place:
+    """Returns the inside of a cabinet with hinged doors as a place."""
+    extent = design.extent
+    side = design.width / 2 - PANEL
+    back = extent.depth - PANEL
+    place = Place.on("cabinet", "inside", "", x=(-side, side), y=(PANEL, back), z=extent.bottom + PANEL)
+    return dataclasses.replace(place, parts=tuple(f"{hinge}_door" for hinge in design.hinges))
 
 
 def _add_doors(fixture: BoxFixture, design: DoorsDesign | TallDoorDesign, *, top: float) -> None:

@@ -1,7 +1,7 @@
 """Plans of kitchens: rows of fixtures around the robot, where each fixture stands, and whether all have room."""
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Literal, NamedTuple
 
@@ -160,3 +160,22 @@ def _check_apart(one: Placed, other: Placed) -> None:
         raise ValueError(
             f"{other.path} ({other.design.kind}) overlaps {one.path} ({one.design.kind}) by {depths.min():.3f} m"
         )
+
+
+_ORDINALS = (
+    *("first ", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth "),
+    *("ninth ", "tenth ", "eleventh ", "twelfth ", "thirteenth ", "fourteenth ", "fifteenth ", "sixteenth "),
+)
+
+
+def fixture_words(one: Placed, placed: Sequence[Placed]) -> str:
+    """Returns a fixture in words, with its place among those called the same unless it is the only one."""
+    words = one.design.words
+    same = [each for each in placed if each.design.words == words]
+    same.sort(key=lambda each: np.arctan2(each.position[0], each.position[1]))
+    places = {1: ("",), 2: ("left ", "right "), 3: ("left ", "middle ", "right ")}.get(len(same), _ORDINALS)
+    azimuths = [np.arctan2(each.position[0], each.position[1]) for each in same]
+    if (np.diff(azimuths) < 0.01).any():  # One is above another.
+        same.sort(key=lambda each: each.position[2])
+        places = ("lower ", "upper ") if len(same) == 2 else _ORDINALS
+    return f"{places[same.index(one)]}{words}"

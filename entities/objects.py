@@ -15,7 +15,7 @@ The YCB objects: B. Calli et al., "Benchmarking in Manipulation Research", IEEE 
 from dm_control import mjcf
 
 from kitchen_suite.entities.parameters import FREE_DISPLACEMENT, MASS, SLIDING_FRICTION, Parameter
-from kitchen_suite.entities.props import FreeProp
+from kitchen_suite.entities.props import FreeProp, KitchenProp
 
 
 class GraspedObject(FreeProp):
@@ -76,6 +76,12 @@ class Bottle(GraspedObject):
     """A bottle of 200 ml of water, grasped by its neck."""
 
     xml_name = "bottle"
+
+
+class Tray(KitchenProp):
+    """A tray on which objects are put, which stands fixed."""
+
+    xml_name = "tray"
 
 
 OBJECTS = {kind.xml_name: kind for kind in (Can, Carton, Mug, Bottle)}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.fixtures import Part
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS, GeneratedKitchen
-from kitchen_suite.entities.kitchen_plans import Placed
+from kitchen_suite.entities.kitchen_plans import fixture_words
 from kitchen_suite.environment_classes import GENERATED_KITCHEN_ENVIRONMENT
 from kitchen_suite.tasks.control_modes.registry import make_mode, split_options
 from kitchen_suite.tasks.generated_kitchens.certificates import certificate_of, design_digest
@@ -233,24 +233,7 @@ def part_words(scene: GeneratedKitchen) -> tuple[str, ...]:
     words = []
     for name, part in scene.parts:
         is_alone = part.kind in ("kettle", "switch")
-        words.append(part.words if is_alone else f"{part.words} of the {_words(placed[name], scene.design.placed)}")
+        words.append(
+            part.words if is_alone else f"{part.words} of the {fixture_words(placed[name], scene.design.placed)}"
+        )
     return tuple(words)
-
-
-_ORDINALS = (
-    *("first ", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth "),
-    *("ninth ", "tenth ", "eleventh ", "twelfth ", "thirteenth ", "fourteenth ", "fifteenth ", "sixteenth "),
-)
-
-
-def _words(one: Placed, placed: Sequence[Placed]) -> str:
-    """Returns a fixture in words, with its place among those called the same unless it is the only one."""
-    words = one.design.words
-    same = [each for each in placed if each.design.words == words]
-    same.sort(key=lambda each: np.arctan2(each.position[0], each.position[1]))
-    places = {1: ("",), 2: ("left ", "right "), 3: ("left ", "middle ", "right ")}.get(len(same), _ORDINALS)
-    azimuths = [np.arctan2(each.position[0], each.position[1]) for each in same]
-    if (np.diff(azimuths) < 0.01).any():  # One is above another.
-        same.sort(key=lambda each: each.position[2])
-        places = ("lower ", "upper ") if len(same) == 2 else _ORDINALS
-    return f"{places[same.index(one)]}{words}"
