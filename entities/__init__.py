@@ -6,8 +6,10 @@ from kitchen_suite.entities.arms.franka import KITCHEN_FRANKA, PANDA
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
 from kitchen_suite.entities.generated_kitchen import GeneratedKitchen, build_generated_kitchen
 from kitchen_suite.entities.kitchen_designs import KitchenDesign
-from kitchen_suite.entities.objects import Bottle, Can, Carton, GraspedObject, Mug
+from kitchen_suite.entities.object_layouts import ObjectLayout, PlacedObject
+from kitchen_suite.entities.objects import Bottle, Can, Carton, GraspedObject, Mug, Tray
 from kitchen_suite.entities.parameters import Parameter, ParameterType
+from kitchen_suite.entities.pick_and_place import PickAndPlaceKitchen, build_pick_and_place
 from kitchen_suite.entities.props import (
     Counter,
     HingeCabinet,
@@ -53,21 +55,26 @@ __all__ = [
     "Microwave",
     "MicrowaveTableArena",
     "Mug",
+    "ObjectLayout",
     "OpenCabinetArena",
     "OpenCabinetScene",
     "Oven",
     "Parameter",
     "ParameterType",
+    "PickAndPlaceKitchen",
+    "PlacedObject",
     "Prop",
     "Robot",
     "RobotSpec",
     "Scene",
     "SiteArena",
     "SlideCabinet",
+    "Tray",
     "Walls",
     "build_generated_kitchen",
     "build_kitchen_scene",
     "build_microwave_table_scene",
     "build_open_cabinet_scene",
+    "build_pick_and_place",
     "make_robot",
 ]

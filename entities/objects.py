@@ -16,6 +16,7 @@ from dm_control import mjcf
 
 from kitchen_suite.entities.parameters import FREE_DISPLACEMENT, MASS, SLIDING_FRICTION, Parameter
 from kitchen_suite.entities.props import FreeProp, KitchenProp
+from kitchen_suite.types import Vector
 
 
 class GraspedObject(FreeProp):
@@ -24,6 +25,9 @@ class GraspedObject(FreeProp):
     Sites whose names begin with `grasp` have the poses of the hand's end effector in grasps: z is the direction of
     approach, y that in which the fingers move. The site `centre` is at the middle of its height.
     """
+
+    # Corners of the box around it, in its frame [m].
+    bounds: tuple[Vector, Vector]
 
     @property
     def body(self) -> mjcf.Element:
@@ -58,24 +62,28 @@ class Can(GraspedObject):
     """A can of soup of 349 g, grasped from above."""
 
     xml_name = "can"
+    bounds = (-0.033, -0.033, 0.0), (0.033, 0.033, 0.101)
 
 
 class Carton(GraspedObject):
     """A carton of pudding powder of 187 g, grasped from above across its 35 mm."""
 
     xml_name = "carton"
+    bounds = (-0.055, -0.0175, 0.0), (0.055, 0.0175, 0.089)
 
 
 class Mug(GraspedObject):
     """A mug of 118 g, grasped by its handle."""
 
     xml_name = "mug"
+    bounds = (-0.041, -0.041, 0.0), (0.073, 0.041, 0.082)
 
 
 class Bottle(GraspedObject):
     """A bottle of 200 ml of water, grasped by its neck."""
 
     xml_name = "bottle"
+    bounds = (-0.027, -0.027, 0.0), (0.027, 0.027, 0.15)
 
 
 class Tray(KitchenProp):

@@ -238,6 +238,9 @@ SLIDING_FRICTION_SCALE = _scale_type(geom_friction=0)  # Factor of the coefficie
 # Factor of the gains of position servos: gain * (target - position).
 GAIN_SCALE = _scale_type(actuator_gainprm=0, actuator_biasprm=1)
 
+# Factor of the masses of bodies, with inertia in proportion.
+MASS_SCALE = dataclasses.replace(_scale_type(body_mass=None, body_inertia=None), derived=True)
+
 # Mass of a body [kg], with inertia in proportion.
 MASS = ParameterType(
     read=lambda physics, elements: physics.bind(elements[0]).mass,

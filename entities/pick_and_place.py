@@ -1,13 +1,27 @@
 """Scenes of generated kitchens with objects that are picked up and put away."""
 
 import dataclasses
+import math
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from dm_control import mjcf
+from numpy.typing import NDArray
+
+from kitchen_suite.entities import assets
 from kitchen_suite.entities.generated_kitchen import GeneratedKitchen, build_generated_kitchen
 from kitchen_suite.entities.kitchen_designs import Design, KitchenDesign
-from kitchen_suite.entities.object_layouts import TRAY, ObjectLayout
+from kitchen_suite.entities.object_layouts import MAX_OBJECTS, TRAY, ObjectLayout
 from kitchen_suite.entities.objects import OBJECTS, GraspedObject, Tray
+from kitchen_suite.entities.parameters import (
+    FREE_DISPLACEMENT,
+    MASS_SCALE,
+    SLIDING_FRICTION_SCALE,
+    Parameter,
+    ParameterType,
+    scale,
+)
 from kitchen_suite.entities.places import Place
 from kitchen_suite.entities.props import Prop
 
@@ -25,6 +39,55 @@ class PickAndPlaceKitchen(GeneratedKitchen):
     layout: ObjectLayout
     objects: tuple[GraspedObject, ...]
     places: tuple[Place, ...]
+
+    @property
+    def object_words(self) -> tuple[str, ...]:
+        """The objects in words: `can`, or `left can` and `right can`, as the robot sees them at the start."""
+        placed = self.layout.objects
+        words = []
+        for each in placed:
+            same = sorted(
+                math.atan2(other.position[0], other.position[1]) for other in placed if other.kind == each.kind
+            )
+            here = math.atan2(each.position[0], each.position[1])
+            sides = {1: ("",), 2: ("left ", "right ")}[len(same)]
+            words.append(f"{sides[same.index(here)]}{each.kind}")
+        return tuple(words)
+
+    def joint_of(self, part: str) -> mjcf.Element:
+        """Returns the joint of a part by its name, such as `drawers_1/drawer_1`."""
+        name, _, joint = part.partition("/")
+        return self.props[name].mjcf_model.find("joint", joint)
+
+    def into(self, place: Place) -> NDArray[np.float64]:
+        """Returns the direction `(3,)` into the fixture that a place belongs to."""
+        name = place.name.partition("/")[0]
+        fixture = next(each for each in self.design.placed if each.name == name)
+        return fixture.in_world(np.array([0.0, 1.0, 0.0])) - fixture.position
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of every generated kitchen, and those of all objects together."""
+        bodies = [thing.body for thing in self.objects]
+        geoms = [geom for body in bodies for geom in body.geom if not assets.is_visual(geom)]
+        joints = tuple(thing.joints[0] for thing in self.objects)
+        return (
+            *super().parameters,
+            Parameter(name="objects/displacement", unit="m, m, rad", type=_DISPLACEMENTS, elements=joints),
+            scale("objects/mass_scale", MASS_SCALE, bodies),
+            scale("objects/friction_scale", SLIDING_FRICTION_SCALE, geoms),
+        )
+
+
+def _displace(physics: mjcf.Physics, joints: tuple[mjcf.Element, ...], value: NDArray[np.float64]) -> None:
+    for joint, each in zip(joints, value.reshape(MAX_OBJECTS, 3), strict=False):
+        FREE_DISPLACEMENT.write(physics, (joint,), each)
+
+
+# Displacement of each object from where an episode starts: x and y [m], and rotation about the vertical [rad].
+_DISPLACEMENTS = ParameterType(
+    read=lambda physics, joints: np.zeros(3 * MAX_OBJECTS), write=_displace, model_fields=(), shape=(3 * MAX_OBJECTS,)
+)
 
 
 def build_pick_and_place(

@@ -38,3 +38,8 @@ GENERATED_KITCHEN_ENVIRONMENT = EnvironmentClasses(
     single="kitchen_suite.gymnasium_env.generated_kitchens:GeneratedKitchenEnv",
     vector="kitchen_suite.vector_env.generated_kitchens:GeneratedKitchenVectorEnv",
 )
+
+PICK_AND_PLACE_ENVIRONMENT = EnvironmentClasses(
+    single="kitchen_suite.gymnasium_env.pick_and_place:PickAndPlaceEnv",
+    vector="kitchen_suite.vector_env.pick_and_place:PickAndPlaceVectorEnv",
+)

@@ -17,6 +17,7 @@ from kitchen_suite.domains.generated_kitchens import KITCHENS
 from kitchen_suite.domains.kitchen import KITCHEN
 from kitchen_suite.domains.microwave_table import MICROWAVE_TABLE
 from kitchen_suite.domains.open_cabinet import OPEN_CABINET
+from kitchen_suite.domains.pick_and_place import PICK_AND_PLACE
 from kitchen_suite.environment_classes import ANY_ENVIRONMENT
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ __all__ = [
     "load",
     "microwave_table",
     "open_cabinet",
+    "pick_and_place",
     "register",
     "task_arguments",
 ]
@@ -41,7 +43,9 @@ __all__ = [
 # Separators, for the error about several names of tasks in place of one.
 _SEVERAL = re.compile(r"\s*[,;+]\s*")
 
-_domains: dict[str, Domain] = {domain.name: domain for domain in (KITCHEN, OPEN_CABINET, MICROWAVE_TABLE, KITCHENS)}
+_domains: dict[str, Domain] = {
+    domain.name: domain for domain in (KITCHEN, OPEN_CABINET, MICROWAVE_TABLE, KITCHENS, PICK_AND_PLACE)
+}
 
 # Names of the suite's own domains.
 _OF_THE_SUITE = frozenset(_domains)
@@ -63,6 +67,9 @@ open_cabinet = OPEN_CABINET.load
 
 microwave_table = MICROWAVE_TABLE.load
 """Builds a microwave table; arguments as in `Domain.load` and `MicrowaveTableTask`."""
+
+pick_and_place = PICK_AND_PLACE.load
+"""Builds a generated kitchen with objects; arguments as in `Domain.load`, `build_pick_and_place`, `PickAndPlaceTask`."""
 
 TASKS_BY_DOMAIN: Mapping[str, tuple[str, ...]]
 """Task names by domain."""

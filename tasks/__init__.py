@@ -11,6 +11,7 @@ from kitchen_suite.tasks.kitchen.task import KitchenTask
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
+from kitchen_suite.tasks.pick_and_place.task import PickAndPlaceTask
 from kitchen_suite.tasks.sensors import FeatureSensors
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.task import SuiteTask
@@ -31,6 +32,7 @@ __all__ = [
     "Observation",
     "OpenCabinetTask",
     "ParameterVariation",
+    "PickAndPlaceTask",
     "Simulation",
     "SuiteTask",
     "Transition",

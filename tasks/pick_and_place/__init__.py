@@ -1,0 +1,1 @@
+"""The pick_and_place domain: objects of generated kitchens are picked up and put away."""
