@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.generated_kitchen import GeneratedKitchen, build_generated_kitchen
 from kitchen_suite.entities.kitchen_designs import Design, KitchenDesign
-from kitchen_suite.entities.object_layouts import MAX_OBJECTS, TRAY, ObjectLayout
+from kitchen_suite.entities.object_layouts import MAX_OBJECTS, TRAY, ObjectLayout, PlacedObject
 from kitchen_suite.entities.objects import OBJECTS, GraspedObject, Tray
 from kitchen_suite.entities.parameters import (
     FREE_DISPLACEMENT,
@@ -46,10 +46,8 @@ class PickAndPlaceKitchen(GeneratedKitchen):
         placed = self.layout.objects
         words = []
         for each in placed:
-            same = sorted(
-                math.atan2(other.position[0], other.position[1]) for other in placed if other.kind == each.kind
-            )
-            here = math.atan2(each.position[0], each.position[1])
+            same = sorted(_azimuth(other) for other in placed if other.kind == each.kind)
+            here = _azimuth(each)
             sides = {1: ("",), 2: ("left ", "right ")}[len(same)]
             words.append(f"{sides[same.index(here)]}{each.kind}")
         return tuple(words)
@@ -77,6 +75,12 @@ class PickAndPlaceKitchen(GeneratedKitchen):
             scale("objects/mass_scale", MASS_SCALE, bodies),
             scale("objects/friction_scale", SLIDING_FRICTION_SCALE, geoms),
         )
+
+
+def _azimuth(placed: PlacedObject) -> float:
+    """Returns the direction of an object as the robot sees it, from left to right [rad]."""
+    x, y, _ = placed.position
+    return math.atan2(x, y)
 
 
 def _displace(physics: mjcf.Physics, joints: tuple[mjcf.Element, ...], value: NDArray[np.float64]) -> None:

@@ -43,9 +43,8 @@ __all__ = [
 # Separators, for the error about several names of tasks in place of one.
 _SEVERAL = re.compile(r"\s*[,;+]\s*")
 
-_domains: dict[str, Domain] = {
-    domain.name: domain for domain in (KITCHEN, OPEN_CABINET, MICROWAVE_TABLE, KITCHENS, PICK_AND_PLACE)
-}
+_own = (KITCHEN, OPEN_CABINET, MICROWAVE_TABLE, KITCHENS, PICK_AND_PLACE)
+_domains: dict[str, Domain] = {domain.name: domain for domain in _own}
 
 # Names of the suite's own domains.
 _OF_THE_SUITE = frozenset(_domains)
@@ -69,7 +68,7 @@ microwave_table = MICROWAVE_TABLE.load
 """Builds a microwave table; arguments as in `Domain.load` and `MicrowaveTableTask`."""
 
 pick_and_place = PICK_AND_PLACE.load
-"""Builds a generated kitchen with objects; arguments as in `Domain.load`, `build_pick_and_place`, `PickAndPlaceTask`."""
+"""Builds a kitchen with objects; arguments as in `Domain.load`, `build_pick_and_place` and `PickAndPlaceTask`."""
 
 TASKS_BY_DOMAIN: Mapping[str, tuple[str, ...]]
 """Task names by domain."""

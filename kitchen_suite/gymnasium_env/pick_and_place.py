@@ -11,7 +11,7 @@ from kitchen_suite.tasks.kitchen.control_modes import CONTROL_TIMESTEP
 class PickAndPlaceEnv(SuiteEnv):
     """A Franka in a generated kitchen with objects, over `PickAndPlaceTask`: it puts them somewhere, or takes them out.
 
-    Observation: 603 numbers, float32, fewer with `num_slots`; the same in all kitchens. See
+    Observation: 619 numbers, float32, fewer with `num_slots`; the same in all kitchens. See
       docs/domains/pick_and_place.md.
     Action: nine joint velocities in [-1, 1], float32, as in the kitchen.
     Info: arrays in the order of the layout's objects: `object_positions` `(5, 3)`; `(5,)` each: `requested_tasks_mask`,

@@ -1,7 +1,7 @@
 """Vectorised generated kitchens: many episodes in one kitchen, or in several."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -19,7 +19,7 @@ class GeneratedKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     `design` may also be a sequence of designs, such as `range(16)`: environment `i` then has `design[i % len(design)]`.
     """
 
-    env_class: type[SuiteEnv] = GeneratedKitchenEnv
+    env_class: ClassVar[type[SuiteEnv]] = GeneratedKitchenEnv
 
     def _make_templates(
         self, *, design: Design | Sequence[Design] = 0, split: str = "train", **settings: Any

@@ -95,7 +95,7 @@ class Items(NamedTuple):
         return axes * moved[..., np.newaxis]
 
     def distances(self, poses: Array, hand: Array) -> Array:
-        """Returns the distances `(..., O)` of the hand `(..., 3)` from the boxes of objects at poses `(..., O, 7)` [m]."""
+        """Returns the distances `(..., O)` of the hand `(..., 3)` from objects' boxes at poses `(..., O, 7)` [m]."""
         local = rotations.rotated(rotations.inverse(poses[..., 3:]), hand[..., np.newaxis, :] - poses[..., :3])
         outside = np.maximum(np.abs(local - self.centre) - self.half_size, 0.0)
         return np.sqrt(rotations.squared_length(outside))

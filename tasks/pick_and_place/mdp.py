@@ -159,7 +159,9 @@ class PickAndPlaceState(NamedTuple):
         fields = {
             name: part for name, part in self._asdict().items() if name not in ("slots", "items") and part is not None
         }
-        nested = {name: fields[name]._asdict() for name in ("request", "progress", "shaping") if name in fields}
+        nested: dict[str, Any] = {
+            name: part._asdict() for name, part in fields.items() if isinstance(part, Request | Progress | StageShaping)
+        }
         arrays: dict[str, Any] = tree.map_structure(np.array, {**fields, **nested})
         return arrays
 

@@ -86,10 +86,8 @@ class ObjectRequests(Requests):
         if not self.tasks:
             kinds = ", ".join(sorted({place.kind for place in scene.places}))
             nothing = "nothing" if allowed is None else "nothing certified"
-            raise ValueError(
-                f"kitchen {scene.design.name or 'of this design'} has {nothing} to {' or '.join(verbs)}: its places are "
-                f"{kinds}"
-            )
+            where = f"kitchen {scene.design.name or 'of this design'}"
+            raise ValueError(f"{where} has {nothing} to {' or '.join(verbs)}: its places are {kinds}")
         self._by_object: dict[int, list[ObjectTask]] = {}
         for task in self._tasks.values():
             self._by_object.setdefault(task.number, []).append(task)

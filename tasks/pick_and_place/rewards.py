@@ -2,11 +2,11 @@
 
 `sparse` is 1 for each object that a step has put where it was asked for.
 
-`dense` and `dense_gain` follow a potential of each requested object, in [0, 1]: the hand reaches it, grasps it, lifts it,
-carries it to its place, and lets it go there. Each of these has a share in [0, 1] with a weight; the potential is 1 once
-the task has been completed. `dense` is the potential after each step, `dense_gain` how far it exceeds its greatest value
-before. The greatest share of reaching so far counts, since the hand must leave an object for the next one; of the
-others, in `dense`, the present share counts, so that an object that is dropped costs.
+`dense` and `dense_gain` follow a potential of each requested object, in [0, 1]: the hand reaches it, grasps it, lifts
+it, carries it to its place, and lets it go there. Each of these has a share in [0, 1] with a weight; the potential is 1
+once the task has been completed. `dense` is the potential after each step, `dense_gain` how far its parts exceed their
+greatest values before. The greatest share of reaching so far counts, since the hand must leave an object for the next
+one; of the others, in `dense`, the present share counts, so that an object that is dropped costs.
 """
 
 from collections.abc import Mapping

@@ -61,8 +61,8 @@ class PickAndPlaceTask(SuiteTask):
     Success: the object's middle is in the box of its place, at most 3 cm/s fast, and the fingers have let it go.
     Reward: 1 for each object that a step has put where it was asked for; or a dense one.
     End: discount 0 once all that the episode asks for has been completed, with the sparse reward.
-    Observations: 603 numbers, fewer with `num_slots`, in six parts, in single precision, with noise: joints, the pose of
-      the hand, objects, requested ones first, places, and slots of parts; see `mdp.SLICES`.
+    Observations: 619 numbers, fewer with `num_slots`, in six parts, in single precision, with noise: joints, the pose
+      of the hand, objects, requested ones first, places, and slots of parts; see `mdp.SLICES`.
 
     Attributes:
       requests: what episodes ask for.
@@ -232,7 +232,7 @@ class PickAndPlaceTask(SuiteTask):
             spot = spot - into * abs(self._opened[origin][0][1])
         else:
             spot = spot + into * (_SPOT_DEPTH - half_depth)
-        return spot + (0.0, 0.0, _ABOVE), float(np.arctan2(-into[1], -into[0]))
+        return np.append(spot[:2], spot[2] + _ABOVE), float(np.arctan2(-into[1], -into[0]))
 
     def initial_state(self, draws: Array) -> PickAndPlaceState:
         return self.mdp.with_request(super().initial_state(draws), self.requests.request)
