@@ -37,6 +37,7 @@ _TRAY_INNER = (0.13, 0.09)  # Half sizes of the box in which the centre of an ob
 
 _LEAST_REACH, _REACH = 0.34, 0.75  # Horizontal distances from the axis of the robot's base at which objects stand [m].
 _WIDEST = 1.75  # Greatest angle from the robot's front at which objects stand [rad].
+_TRAY_SHARE = 0.8  # Probability that a tray is looked for a place for.
 _APART = 0.13  # Least distance between the middles of objects [m].
 _CLEAR = 0.06  # Least distance of the middle of an object from what stands beside it [m].
 _EDGE = 0.06  # Least distance of the middle of an object from the edge of its worktop [m].
@@ -170,6 +171,7 @@ class _Drawing:
         if self._design.kettle:
             # It stands on the front left burner of the oven.
             self._middles.append(self._places["oven_1/burner_1"].centre)
+        tray = self._tray() if self._generator.random() < _TRAY_SHARE else None
         kinds = [OBJECT_KINDS[k] for k in self._generator.permutation(len(OBJECT_KINDS))]
         kinds.append(OBJECT_KINDS[int(self._generator.integers(len(OBJECT_KINDS)))])
         count = int(self._generator.integers(_LEAST_OBJECTS, MAX_OBJECTS + 1))
@@ -177,7 +179,6 @@ class _Drawing:
         for kind in kinds:
             if len(objects) < count and (placed := self._object(kind)) is not None:
                 objects.append(placed)
-        tray = self._tray()
         burners = self._some("burner", 2)
         if len(objects) < _LEAST_OBJECTS or not (tray or burners):
             return None

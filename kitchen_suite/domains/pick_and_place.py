@@ -25,5 +25,6 @@ PICK_AND_PLACE = Domain(
     physics=FAST,
     env=PICK_AND_PLACE_ENVIRONMENT.single,
     vector_env=PICK_AND_PLACE_ENVIRONMENT.vector,
+    expert="kitchen_suite.policies.experts.pick_and_place:ObjectExpert",
     contents="kitchen_suite.tasks.generated_kitchens.file_contents:with_contents",
 )

@@ -37,7 +37,7 @@ from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.types import Array, Vector
 
 # Openings at which the expert leaves a part, some noise beyond those that count.
-_OPENED, _SHUT = mdp.OPEN + 0.02, mdp.CLOSED - 0.02
+OPENED, _SHUT = mdp.OPEN + 0.02, mdp.CLOSED - 0.02
 
 # How far the hand takes a part, as an opening: what it pulls lags behind. How far beyond its stop it turns a knob off.
 _PULLED, _PRESSED = 1.1, 0.25
@@ -68,7 +68,7 @@ _USUAL = 6  # Number of motions that are tried in the usual order.
 
 # Joint positions from which inverse kinematics starts [rad], the first joint turned towards the handle. The last two
 # were found by search: with them the hand reaches nearly all places that it reaches from any start.
-_SEEDS = (
+SEEDS = (
     *(SKILLS[task].ik_seed for task in ("top burner", "kettle")),
     # The first of these with the elbow on the other side.
     (0.89, -0.78, -1.25, -2.28, -0.2, 1.46, -0.43),
@@ -84,7 +84,7 @@ _Seeds = tuple[tuple[float, ...], ...]
 _LEVER, _BACK_BEYOND = 0.03, 0.4
 
 _KETTLE_FURTHER = 0.05  # How much further than in the kitchen, whose goal is nearer, the hand pushes the kettle [m].
-_TUCKS = ((-0.33, 0.1, 2.05), (-0.25, 0.08, 2.2))  # Places of the hand near the robot, before it turns [m].
+TUCKS = ((-0.33, 0.1, 2.05), (-0.25, 0.08, 2.2))  # Places of the hand near the robot, before it turns [m].
 _REST_STEPS = 3  # Control steps in which the hand comes to rest before a part.
 _MARGIN = 0.012  # Distance that counts as a contact of arm and hand, but for the fingers [m].
 _CHECKED = 0.12  # Spacing of the joint positions at which a path is checked for collisions [rad].
@@ -114,7 +114,7 @@ class PartExpert(Expert):
         **control_options: Any,
     ) -> None:
         """Builds an expert for a kitchen of which `num_slots` slots are observed; others as of every `Expert`."""
-        self._kitchen, self.observation_size = _kitchen(design), size(num_slots)
+        self._kitchen, self.observation_size = parts_of(design), size(num_slots)
         super().__init__(style, make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model()))
 
     @classmethod
@@ -135,7 +135,7 @@ class PartExpert(Expert):
         requested = rows[rows[:, SLOT_SLICES["requested"].start] > 0.5]
         openings = requested[:, SLOT_SLICES["opening"].start]
         goals = requested[:, SLOT_SLICES["goal"].start] > 0.5
-        done = np.where(goals, openings >= _OPENED, openings <= _SHUT)
+        done = np.where(goals, openings >= OPENED, openings <= _SHUT)
         if self._trajectory is None:
             self._targets = [self._kitchen.find(row) for row in requested]
         elif self._present is None or not done[self._targets.index(self._present)]:
@@ -163,7 +163,7 @@ class PartExpert(Expert):
 
 
 @functools.cache
-def _tuck(place: Vector) -> tuple[float, ...]:
+def tuck_posture(place: Vector) -> tuple[float, ...]:
     """Joint positions with the hand at a place near the robot [rad]."""
     kinematics = arm_model().kinematics
     rotation = kinematics.forward(HOME[ARM]).rotation()
@@ -174,7 +174,7 @@ def _tuck(place: Vector) -> tuple[float, ...]:
 def _tucked(joints: Array, place: Vector, turns_hand: bool) -> Array:
     """Joint positions `(7,)` with the hand near the robot, in the direction in which it is at others `(7,)` [rad]."""
     kinematics = arm_model().kinematics
-    aimed = np.array(_aimed(_tuck(place), kinematics.forward(joints).translation()))
+    aimed = np.array(aimed_posture(tuck_posture(place), kinematics.forward(joints).translation()))
     if turns_hand:
         return aimed
     there = kinematics.forward(aimed).translation()
@@ -202,7 +202,7 @@ class Motion(NamedTuple):
     def in_reached_posture(self, kinematics: ArmKinematics) -> Self:
         """Returns this motion in the posture to which the arm comes on a straight way from near the robot."""
         end = self.moved_frame @ self.skill.lines[0].pose
-        joints = np.array(_aimed(_tuck(_TUCKS[0]), end.translation()))
+        joints = np.array(aimed_posture(tuck_posture(TUCKS[0]), end.translation()))
         start = kinematics.forward(joints)
         for share in np.linspace(0.1, 1.0, 10):
             place = start.translation() + share * (end.translation() - start.translation())
@@ -303,7 +303,7 @@ class _Kitchen:
         Also returns at how many joint positions it touches something. The way goes by places near the robot, if it can.
         """
         found: list[tuple[list[Array], int]] = []
-        for tuck in _TUCKS:
+        for tuck in TUCKS:
             near = [_tucked(joints, tuck, turns_hand) for joints in (start, end)]
             for path in (near, near[:1], near[1:], []):
                 found.append((path, self._touches([start, *path, end], target, opening, self._all)))
@@ -338,7 +338,7 @@ class _Kitchen:
         """Yields motions to be tried; the hand keeps its orientation at the reset where the mode cannot turn it."""
         # Where the mode chooses the posture, only such as it comes to; `led` finds the one where the hand turns.
         count = None if encoder.sets_posture else int(not encoder.turns_hand)
-        seeds = (_tuck(_TUCKS[0]), *_SEEDS[:count])
+        seeds = (tuck_posture(TUCKS[0]), *SEEDS[:count])
         part, turns_hand = self.parts[target.slot], encoder.turns_hand
         # A hand that cannot turn pushes knobs of stoves as it does those of the oven.
         twin = part.twin if turns_hand or part.kind != "knob" else "top burner"
@@ -358,7 +358,7 @@ class _Kitchen:
         others = np.random.default_rng(0).permutation(np.arange(usual, len(pairs)))
         for seed, skill in (pairs[i] for i in (*range(usual), *others)):
             moved = np.array([position]) if isinstance(skill.object_joint, Revolute) else axis * position
-            yield Motion.of(skill, mink.SE3.identity(), moved, _aimed(seed, self.slots.position[target.slot]))
+            yield Motion.of(skill, mink.SE3.identity(), moved, aimed_posture(seed, self.slots.position[target.slot]))
 
     def _twins(self, twin: str, target: Target, opening: float, seeds: _Seeds, turns_hand: bool) -> Iterator[Motion]:
         """Yields the skill of the kitchen's task for a part like it, moved to where the part is."""
@@ -383,7 +383,7 @@ class _Kitchen:
             for seed, (yaw, pitch) in itertools.product(seeds, angles):
                 turned = (HandOrientation(approach=direction(each, pitch), spread=DOWN) for each in (yaw, -yaw))
                 hand, mirrored = turned if turns_hand else (AT_RESET, AT_RESET)
-                aimed = _aimed(seed, self.slots.position[k])
+                aimed = aimed_posture(seed, self.slots.position[k])
                 if target.opens:
                     angle = kitchen_skills.KNOB_ANGLE if turns_hand else kitchen_skills.FIXED_KNOB_ANGLE
                     yield Motion.of(kitchen_skills.turn_knob(x, height, hand, angle), frame, position, aimed)
@@ -500,7 +500,7 @@ def _turn_back(handle: Array, hand: HandOrientation) -> Skill:
 _ANY_WAY = Prismatic(elements=(0, 1, 2), initial_position=(0.0, 0.0, 0.0))  # Of an object that has moved by x, y and z.
 
 
-def _aimed(seed: tuple[float, ...], handle: Array) -> tuple[float, ...]:
+def aimed_posture(seed: tuple[float, ...], handle: Array) -> tuple[float, ...]:
     """Returns joint positions with the first joint turned so that the hand is in the direction of a handle [rad]."""
     x, y, _ = arm_model().kinematics.forward(np.array(seed)).translation() - robot_base()
     turn = np.arctan2(handle[1], handle[0]) - np.arctan2(y, x)
@@ -530,12 +530,12 @@ def _may_touch(prop: Prop, part: Part, bodies: list[str]) -> NDArray[np.bool_]:
     return np.array([body.startswith(prefix) for body in bodies])
 
 
-_kitchen = functools.lru_cache(maxsize=64)(_Kitchen)
+parts_of = functools.lru_cache(maxsize=64)(_Kitchen)
 
 
 def reached_handles(design: KitchenDesign) -> dict[str, bool]:
     """Returns whether the arm reaches each handle of a kitchen, for some motion that opens it, by name of the part."""
-    kitchen, arm = _kitchen(design), arm_model()
+    kitchen, arm = parts_of(design), arm_model()
     encoder = make_encoder(make_mode("joint_velocity", CONTROL_MODES, {}), arm)
     motions = [kitchen.motions(Target(k, True), 0.0, encoder)[0] for k in range(len(kitchen.names))]
     reached = [motion.planned(arm.kinematics, encoder.limits).is_reachable for motion in motions]

@@ -1,0 +1,568 @@
+"""The expert of objects in generated kitchens: it opens what is closed, grasps an object, carries it and lets it go."""
+
+import collections
+import functools
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import mink
+import mujoco
+import numpy as np
+from dm_control import mjcf
+
+from kitchen_suite.entities.generated_kitchen import MAX_PARTS
+from kitchen_suite.entities.kitchen_designs import KitchenDesign
+from kitchen_suite.entities.object_layouts import MAX_OBJECTS, OBJECT_KINDS, ObjectLayout
+from kitchen_suite.entities.pick_and_place import build_pick_and_place
+from kitchen_suite.entities.places import PLACE_KINDS, SURFACES
+from kitchen_suite.entities.scenes import robot_base
+from kitchen_suite.policies.experts import generated_kitchens as kitchens
+from kitchen_suite.policies.experts import skills
+from kitchen_suite.policies.experts.base import Expert, MotionStyle
+from kitchen_suite.policies.experts.encoders import make_encoder
+from kitchen_suite.policies.experts.kinematics import ARM
+from kitchen_suite.policies.experts.kitchen import arm_model
+from kitchen_suite.policies.experts.skills import HandOrientation, Move, Skill
+from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan
+from kitchen_suite.tasks.control_modes.registry import make_mode
+from kitchen_suite.tasks.generated_kitchens.slots import SLOT_SIZE, SLOT_SLICES
+from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
+from kitchen_suite.tasks.pick_and_place.mdp import OBJECT_SIZE, OBJECT_SLICES, SLICES, size
+from kitchen_suite.tasks.pick_and_place.task import PickAndPlaceTask
+from kitchen_suite.types import Array
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+_FAR, _LIFT, _BEFORE = 0.1, 0.1, 0.16  # Distances before a grasp, above it, and before a place with a front [m].
+_ABOVE = 0.006  # Height above its support at which an object is let go [m].
+_CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.12, 0.08, 0.25  # Speeds of the hand [m/s].
+_CLOSE_STEPS, _OPEN_STEPS, _REST_STEPS = 9, 6, 3  # Control steps in which fingers close and open, and the hand rests.
+_SETTLE_STEPS = 8  # Control steps from the end of a trajectory to the failure of its task.
+_NEAR = 0.42  # Distance from the robot's axis at which the hand carries objects past what stands around it [m].
+
+# Pitches of the hand below the horizontal, and azimuths relative to the usual one, that are tried [rad].
+_STEEP = tuple(np.radians([90.0, 65.0, 45.0, 25.0]).tolist())
+_FLAT = tuple(np.radians([15.0, 30.0, 5.0, 45.0]).tolist())
+_TURNS = tuple(np.radians([0.0, 30.0, -30.0, 60.0, -60.0]).tolist())
+
+_CANDIDATES = 200  # Number of candidates that are looked at.
+_MOST = 12  # Number of candidates that are planned.
+_FOUND = 3  # Number of motions that are kept for a task.
+_MARGIN = 0.008  # Distance that counts as a contact of the arm [m].
+_CHECKED = 0.1  # Spacing of the joint positions at which a path is checked for collisions [rad].
+_DEPTHS = (0.1, 0.07, 0.14)  # Depths behind the front of a place with a front at which an object is put [m].
+_BESIDE = 0.09  # Distance from the middle of a place at which an object is put beside another one [m].
+
+
+class Thing(NamedTuple):
+    """An object, as it is observed.
+
+    Attributes:
+      row: of the observation's objects.
+      kind: one of `OBJECT_KINDS`.
+      base: middle of its lower face, `(3,)` [m].
+      x_axis: its x axis, `(3,)`.
+      goal_kind: one of `PLACE_KINDS`; empty where it is not requested.
+      goal: middle of the support of its place, `(3,)` [m].
+      goal_half_size: half sizes of its place, `(3,)` [m].
+    """
+
+    row: int
+    kind: str
+    base: Array
+    x_axis: Array
+    goal_kind: str
+    goal: Array
+    goal_half_size: Array
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it is where it is to be."""
+        offset = np.abs(self.base - self.goal)
+        inside = offset[:2] <= self.goal_half_size[:2] + 0.002
+        return bool(inside.all() and -0.02 < self.base[2] - self.goal[2] < 0.06)
+
+
+def things(observation: Array) -> list[Thing]:
+    """Returns the objects of a flat observation, requested ones first."""
+    found = []
+    rows = observation[SLICES["objects"]].reshape(MAX_OBJECTS, OBJECT_SIZE)
+    for number, row in enumerate(rows):
+        part = {name: row[where] for name, where in OBJECT_SLICES.items()}
+        if not part["kind"].any():
+            continue
+        centre = part["position"] + robot_base()
+        requested = part["requested"][0] > 0.5
+        kind = OBJECT_KINDS[int(part["kind"].argmax())]
+        found.append(
+            Thing(
+                row=number,
+                kind=kind,
+                base=_base(kind, centre, part["x_axis"], part["z_axis"], part["half_size"]),
+                x_axis=part["x_axis"],
+                goal_kind=PLACE_KINDS[int(part["goal_kind"].argmax())] if requested else "",
+                goal=part["goal_position"] + robot_base(),
+                goal_half_size=part["goal_half_size"],
+            )
+        )
+    return found
+
+
+# Where the box of a mug is beside its frame, because of the handle [m].
+_MUG_OFFSET = 0.016
+
+
+def _base(kind: str, centre: Array, x_axis: Array, z_axis: Array, half_size: Array) -> Array:
+    """Returns the origin of an object's frame, from the middle of its box."""
+    offset = _MUG_OFFSET if kind == "mug" else 0.0
+    base: Array = centre - z_axis * half_size[2] - x_axis * offset
+    return base
+
+
+class Grasp(NamedTuple):
+    """A pose of the hand at an object, and how it is carried to its place.
+
+    Attributes:
+      at: position of the hand when it grasps, `(3,)` [m].
+      to: the same when it lets the object go [m].
+      azimuth: direction of the approach seen from above, when it grasps [rad].
+      goal_azimuth: the same when it lets the object go [rad].
+      pitch: of the approach below the horizontal [rad].
+      front: direction into the place, `(3,)`; zeros for one that is reached from above.
+      by_robot: whether the object is carried past near the robot.
+      seed: joint positions from which inverse kinematics starts, `(7,)` [rad].
+    """
+
+    at: Array
+    to: Array
+    azimuth: float
+    goal_azimuth: float
+    pitch: float
+    front: Array
+    by_robot: bool
+    seed: tuple[float, ...]
+
+    def skill(self) -> Skill:
+        """Returns the motions of the hand."""
+        grasp, place = (orientation(angle, self.pitch) for angle in (self.azimuth, self.goal_azimuth))
+        approach, goal_approach = np.array(grasp.approach), np.array(place.approach)
+        lifted = self.at + _LIFT * _UP
+        # Into a drawer or onto a worktop from above, into a cabinet from before it.
+        has_front = bool(self.front.any())
+        before = self.to - _BEFORE * self.front + (0.02 * _UP if has_front else _LIFT * _UP)
+        moves = [
+            _move(self.at - _FAR * approach, grasp, skills.OPEN, settle=_REST_STEPS, free=True),
+            _move(self.at, grasp, skills.OPEN, speed=_APPROACH_SPEED, settle=_REST_STEPS),
+            _move(self.at, grasp, skills.CLOSED, settle=_CLOSE_STEPS),
+            _move(lifted, grasp, skills.CLOSED, speed=_CARRY_SPEED),
+        ]
+        if self.by_robot:
+            height = max(lifted[2], before[2])
+            moves += [
+                _move(_near(lifted, height), grasp, skills.CLOSED, speed=_CARRY_SPEED),
+                _move(_near(before, height), place, skills.CLOSED, speed=_CARRY_SPEED),
+            ]
+        moves += [
+            _move(before, place, skills.CLOSED, speed=_CARRY_SPEED, settle=_REST_STEPS),
+            *([_move(self.to + 0.02 * _UP, place, skills.CLOSED, speed=_PLACE_SPEED)] if has_front else []),
+            _move(self.to, place, skills.CLOSED, speed=_PLACE_SPEED, settle=_REST_STEPS),
+            _move(self.to, place, skills.OPEN, settle=_OPEN_STEPS),
+            _move(self.to - (_FAR + 0.02) * goal_approach, place, skills.OPEN, speed=_APPROACH_SPEED),
+        ]
+        if has_front:
+            moves.append(_move(before - 0.08 * self.front, place, skills.OPEN, speed=_APPROACH_SPEED))
+        return Skill(moves=tuple(moves), ik_seed=self.seed)
+
+
+def orientation(azimuth: float, pitch: float) -> HandOrientation:
+    """Returns the orientation of a hand whose fingers open sideways, by the direction of its approach [rad]."""
+    ahead = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    approach = np.cos(pitch) * ahead - np.sin(pitch) * _UP
+    return HandOrientation(approach=skills.vector(approach), spread=skills.vector(np.cross(_UP, ahead)))
+
+
+def _move(
+    position: Array, hand: HandOrientation, fingers: float, *, speed: float = 0.5, settle: int = 0, free: bool = False
+) -> Move:
+    return Move(
+        position=skills.vector(position),
+        orientation=hand,
+        fingers=fingers,
+        speed=speed,
+        settle_steps=settle,
+        in_free_space=free,
+    )
+
+
+def _near(point: Array, height: float) -> Array:
+    """Returns the point near the robot, in the direction of another one, at a height [m]."""
+    offset = point[:2] - robot_base()[:2]
+    distance = max(float(np.linalg.norm(offset)), 1e-6)
+    return np.append(robot_base()[:2] + offset / distance * min(distance, _NEAR), height)
+
+
+class ObjectExpert(Expert):
+    """Puts the objects that an observation asks for where they are to be, one after the other; repeats what fails."""
+
+    control_modes = CONTROL_MODES
+
+    def __init__(
+        self,
+        design: KitchenDesign,
+        layout: ObjectLayout,
+        *,
+        num_slots: int = MAX_PARTS,
+        style: MotionStyle | None = None,
+        control_mode: str = "joint_velocity",
+        **control_options: Any,
+    ) -> None:
+        """Builds an expert for a kitchen of which `num_slots` slots are observed; others as of every `Expert`."""
+        self._parts = kitchens.parts_of(design)
+        self._kitchen, self.observation_size = _kitchen(design, layout), size(num_slots)
+        super().__init__(style, make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model()))
+
+    @classmethod
+    def _task_settings(cls, task: PickAndPlaceTask) -> dict[str, Any]:
+        return {"design": task.scene.design, "layout": task.scene.layout, "num_slots": task.mdp.num_slots}
+
+    def reset(self, generator: np.random.Generator) -> None:
+        super().reset(generator)
+        self._failures: collections.Counter[object] = collections.Counter()
+        self._present: object = None
+
+    def robot_positions(self, observation: Array) -> Array:
+        return observation[SLICES["joint_positions"]]
+
+    def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
+        if self._trajectory is not None:
+            if not self._has_ended(_SETTLE_STEPS):
+                return None
+            self._failures[self._present] += 1
+        closed = self._closed_part(observation)
+        if closed is not None:
+            return self._opening(closed, observation, joints)
+        pending = [thing for thing in things(observation) if thing.goal_kind and not thing.is_done]
+        if not pending:
+            return None if self._trajectory is not None else JointTrajectory.stationary(joints, skills.OPEN)
+        thing = min(pending, key=lambda each: self._failures[each.row])
+        self._present = thing.row
+        self._kitchen.see(observation)
+        motions = self._kitchen.motions(thing, self.encoder.limits)
+        planned, way = motions[self._failures[thing.row] % len(motions)]
+        trajectory = JointTrajectory.stationary(joints, self._fingers)
+        for knot in way:
+            trajectory = trajectory.then(JointTrajectory.stationary(knot, skills.OPEN), self._limits)
+        return trajectory.then(planned, self._limits)
+
+    @property
+    def _fingers(self) -> float:
+        return skills.OPEN if self._trajectory is None else self._current_fingers
+
+    def _closed_part(self, observation: Array) -> Array | None:
+        """Returns the slot of a part that has to be opened first; None if there is none."""
+        rows = observation[SLICES["slots"]].reshape(-1, SLOT_SIZE)
+        for row in rows:
+            is_requested = row[SLOT_SLICES["requested"].start] > 0.5
+            if is_requested and row[SLOT_SLICES["opening"].start] < kitchens.OPENED:
+                return row
+        return None
+
+    def _opening(self, row: Array, observation: Array, joints: Array) -> JointTrajectory:
+        """Returns the trajectory that opens a part, after the retreat from what was moved before."""
+        target = self._parts.find(row)
+        opening = float(row[SLOT_SLICES["opening"].start])
+        motions = self._parts.motions(target, round(opening, 1), self.encoder)
+        motion = motions[self._failures[target] % len(motions)]
+        rest = JointTrajectory.stationary(joints, skills.OPEN)
+        trajectory = rest if self._present is None else self._plan_retreat(joints)
+        self._present, self._skill = target, motion.skill
+        planned = self._plan(motion.skill, frame=motion.frame, object_position=motion.position)
+        way, _ = self._parts.path(trajectory.knots[-1], planned.knots[0], target, opening, self.encoder.turns_hand)
+        for knot in way:
+            trajectory = trajectory.then(JointTrajectory.stationary(knot, skills.OPEN), self._limits)
+        return trajectory.then(planned, self._limits)
+
+
+Planned = tuple[JointTrajectory, list[Array]]
+"""A trajectory of a grasp, and joint positions on the way to it."""
+
+
+class _ObjectKitchen:
+    """A kitchen with objects as they are observed, and motions for them."""
+
+    def __init__(self, design: KitchenDesign, layout: ObjectLayout) -> None:
+        built = build_pick_and_place(design, objects=layout, visuals=False)
+        self._parts = kitchens.parts_of(design)
+        self._physics = physics = mjcf.Physics.from_mjcf_model(built.arena.mjcf_model)
+        self._data = mujoco.MjData(physics.model.ptr)
+        names = [physics.model.id2name(body, "body") for body in physics.model.geom_bodyid]
+        self._robot = np.array([name.startswith("franka/") for name in names])
+        self._fingers = np.array([name.endswith("finger") for name in names])
+        self._hand = self._robot & [name.endswith(("finger", "hand")) for name in names]
+        self._columns = [int(physics.bind(thing.joints[0]).qposadr) for thing in built.objects]
+        self._kinds = [each.kind for each in layout.objects]
+        self._geoms = np.array([[name.split("/")[0] == own for name in names] for own in layout.names])
+        joints = [
+            built.props[name].mjcf_model.find("joint", part.joint) if part.joint else None for name, part in built.parts
+        ]
+        self._part_columns = [None if joint is None else int(physics.bind(joint).qposadr) for joint in joints]
+        physics.model.geom_margin[self._robot & ~self._fingers] = _MARGIN
+
+    def see(self, observation: Array) -> None:
+        """Sets parts and objects as they are observed."""
+        self._qpos = self._physics.model.ptr.qpos0.copy()
+        for row in observation[SLICES["slots"]].reshape(-1, SLOT_SIZE):
+            if not row[SLOT_SLICES["kind"]].any():
+                continue
+            slot = self._parts.find(row).slot
+            if (column := self._part_columns[slot]) is not None:
+                self._qpos[column] = self._parts.slots.opened[slot] * row[SLOT_SLICES["opening"].start]
+        self._things = things(observation)
+        # Observed objects by their index in the layout: the nearest of their kind.
+        self._numbers = self._match(self._things)
+        for thing, number in zip(self._things, self._numbers, strict=True):
+            column = self._columns[number]
+            yaw = np.arctan2(thing.x_axis[1], thing.x_axis[0])
+            self._qpos[column : column + 3] = thing.base + 0.002 * _UP
+            self._qpos[column + 3 : column + 7] = np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)
+
+    def _match(self, seen: Sequence[Thing]) -> list[int]:
+        """Returns an index in the layout for each object; objects of a kind are alike."""
+        left = list(range(len(self._kinds)))
+        numbers = []
+        for thing in seen:
+            number = next(k for k in left if self._kinds[k] == thing.kind)
+            left.remove(number)
+            numbers.append(number)
+        return numbers
+
+    def motions(self, thing: Thing, limits: JointSpeedLimits) -> list[Planned]:
+        """Returns motions that put an object where it is to be: those first on which the robot touches the least."""
+        kinematics = arm_model().kinematics
+        found: list[tuple[float, Planned]] = []
+        worst: tuple[float, Planned] | None = None
+        tried = 0
+        for grasp in itertools.islice(self._grasps(thing), _CANDIDATES):
+            error = self._missing(grasp)
+            if error > 0.01 and worst is not None:
+                continue
+            tried += 1
+            planned = plan(kinematics, limits, grasp.skill())
+            beyond = (planned.knots < POSITION_LOW[ARM]) | (planned.knots > POSITION_HIGH[ARM])
+            if worst is None or planned.position_error < worst[0]:
+                worst = planned.position_error, (planned, [])
+            if not planned.is_reachable or beyond.any():
+                continue
+            way, count = self._way(planned.knots[0])
+            touches = count + self._carried(planned, thing)
+            found.append((touches, (planned, way)))
+            if sum(count == 0 for count, _ in found) == 1 or len(found) == 6 or tried == _MOST:
+                break
+        if not found:
+            assert worst is not None, "there is at least one grasp"
+            return [worst[1]]
+        return [motion for _, motion in sorted(found, key=lambda each: each[0])][:_FOUND]
+
+    def _missing(self, grasp: Grasp) -> float:
+        """Returns the greatest distance of the hand from its poses at the grasp and at the place [m]."""
+        kinematics, joints = arm_model().kinematics, np.array(grasp.seed)
+        greatest = 0.0
+        moves = grasp.skill().lines
+        for move in (moves[0], moves[1], moves[3], moves[-5], moves[-3]):
+            joints = kinematics.inverse(move.pose, start=joints)
+            greatest = max(greatest, float(np.linalg.norm(kinematics.forward(joints).translation() - move.position)))
+            if greatest > 0.01:
+                break
+        return greatest
+
+    def _grasps(self, thing: Thing) -> Iterator[Grasp]:
+        """Yields grasps that may put an object where it is to be, the usual ones first."""
+        from_above = thing.goal_kind in SURFACES or thing.goal_kind == "drawer"
+        pitches = _STEEP if from_above else _FLAT
+        spots = self._spots(thing)
+        seeds = (kitchens.tuck_posture(kitchens.TUCKS[0]), *kitchens.SEEDS[:3])
+        usual = []
+        for turn, (spot, front), goal_turn, pitch, by_robot, seed in itertools.product(
+            _TURNS, spots, _TURNS, pitches, (False, True), seeds
+        ):
+            usual.append((abs(turn) + abs(goal_turn), spot, front, turn, goal_turn, pitch, by_robot, seed))
+        order = np.random.default_rng(0).permutation(len(usual))
+        first = [k for k in range(len(usual)) if usual[k][0] == 0.0]
+        for k in (*first, *(k for k in order.tolist() if usual[k][0] > 0.0)):
+            _, spot, front, turn, goal_turn, pitch, by_robot, seed = usual[k]
+            yield from self._grasp(thing, spot, front, turn, goal_turn, pitch, by_robot, seed)
+
+    def _grasp(
+        self,
+        thing: Thing,
+        spot: Array,
+        front: Array,
+        turn: float,
+        goal_turn: float,
+        pitch: float,
+        by_robot: bool,
+        seed: tuple[float, ...],
+    ) -> Iterator[Grasp]:
+        axis = float(np.arctan2(thing.x_axis[1], thing.x_axis[0]))
+        radial = _azimuth(thing.base - robot_base())
+        match thing.kind:
+            case "can":
+                azimuth, point = radial + turn, np.array([0.0, 0.0, 0.065])
+            case "bottle":
+                azimuth, point = radial + turn, np.array([0.0, 0.0, 0.138 if pitch > 0.6 else 0.06])
+            case "carton":
+                if turn:
+                    return
+                azimuth = axis if np.cos(axis - radial) > 0.0 else axis + np.pi
+                point = np.array([0.0, 0.0, 0.06])
+                if pitch < 1.2:
+                    point[0] = -0.02 if np.cos(axis - radial) > 0.0 else 0.02
+            case _:
+                if turn:
+                    return
+                azimuth, point = axis + np.pi, np.array([0.062, 0.0, 0.06 if pitch > 0.6 else 0.048])
+        into = front if front.any() else spot - robot_base()
+        goal_azimuth = _azimuth(into) + goal_turn
+        rotation = mink.SO3.from_z_radians(axis)
+        rotated = rotation.apply(point)
+        turned = mink.SO3.from_z_radians(goal_azimuth - azimuth).apply(rotated)
+        yield Grasp(
+            at=thing.base + rotated,
+            to=spot + turned + _ABOVE * _UP,
+            azimuth=azimuth,
+            goal_azimuth=goal_azimuth,
+            pitch=pitch,
+            front=front,
+            by_robot=by_robot,
+            seed=kitchens.aimed_posture(seed, thing.base),
+        )
+
+    def _spots(self, thing: Thing) -> list[tuple[Array, Array]]:
+        """Returns points where the object may be put, and the direction into the place, zeros if it is from above."""
+        goal, half = thing.goal, thing.goal_half_size
+        others = [other.base for other in self._things if other.row != thing.row]
+        into = np.zeros(3)
+        if thing.goal_kind not in SURFACES and thing.goal_kind != "drawer":
+            into = self._into(goal)
+            along = np.abs(np.cross(_UP, into))
+            depth = float(np.abs(into) @ half)
+            points = [
+                goal + into * (behind - depth) + along * side for behind in _DEPTHS for side in _sides(along @ half)
+            ]
+        else:
+            wide = int(half[1] > half[0])
+            along = np.eye(3)[wide]
+            points = [goal + along * side for side in _sides(half[wide])]
+            if thing.goal_kind == "worktop":
+                points = self._worktop(goal, half)
+        free = [
+            point
+            for point in points
+            if all(np.linalg.norm((point - other)[:2]) > 0.1 or abs(point[2] - other[2]) > 0.15 for other in others)
+        ]
+        return [(point, into) for point in free or points]
+
+    def _worktop(self, goal: Array, half: Array) -> list[Array]:
+        """Returns points of a worktop in reach, the nearest to the middle of what the hand reaches first."""
+        grid = [
+            goal + np.array([x, y, 0.0])
+            for x in np.arange(-half[0] + 0.07, half[0] - 0.06, 0.06)
+            for y in np.arange(-half[1] + 0.07, half[1] - 0.06, 0.06)
+        ]
+        return sorted(grid, key=lambda point: abs(float(np.linalg.norm((point - robot_base())[:2])) - 0.52))[:8]
+
+    def _into(self, goal: Array) -> Array:
+        """Returns the direction into a place with a front, by the side of the robot on which it is."""
+        x, y, _ = goal - robot_base()
+        if y > abs(x) * 0.6:
+            return np.array([0.0, 1.0, 0.0])
+        return np.array([np.sign(x), 0.0, 0.0])
+
+    def _way(self, end: Array) -> tuple[list[Array], int]:
+        """Returns joint positions on the way from near the robot to a grasp, and where the robot touches something."""
+        near = np.array(
+            kitchens.aimed_posture(
+                kitchens.tuck_posture(kitchens.TUCKS[0]), arm_model().kinematics.forward(end).translation()
+            )
+        )
+        options = [[near], []]
+        found = [(way, self._touches([*way, end] if way else [near, end], None, None)) for way in options[:1]]
+        return min(found, key=lambda each: each[1])
+
+    def _carried(self, planned: JointTrajectory, thing: Thing) -> int:
+        """Returns at how many joint positions of a motion the robot, or what it carries, touches something."""
+        number = self._numbers[thing.row]
+        closed = np.flatnonzero(planned.fingers == skills.CLOSED)
+        first, last = int(closed[0]), int(closed[-1])
+        knots = list(planned.knots)
+        kinematics = arm_model().kinematics
+        self._data.qpos[:] = self._qpos
+        grasped = kinematics.forward(knots[first])
+        column = self._columns[number]
+        start = mink.SE3(
+            wxyz_xyz=np.concatenate([self._qpos[column + 3 : column + 7], self._qpos[column : column + 3]])
+        )
+        relative = grasped.inverse() @ start
+        lifted = next(k for k in range(first, last + 1) if np.abs(knots[k] - knots[first]).max() > 0.03)
+        touches = self._touches(knots[: first + 1], number, None)
+        touches += self._touches(knots[lifted : last + 1], number, relative)
+        self._final = number, kinematics.forward(knots[last]) @ relative
+        return touches + self._touches(knots[last:], number, None, leave=True)
+
+    def _touches(self, knots: list[Array], number: int | None, held: mink.SE3 | None, *, leave: bool = False) -> int:
+        """Returns at how many joint positions, `(7,)` and between them, the robot touches something.
+
+        Args:
+          knots: joint positions [rad].
+          number: of the object that the fingers may touch; None for none.
+          held: its pose in the hand, if it is carried.
+          leave: whether it is where it was let go.
+        """
+        model, data = self._physics.model.ptr, self._data
+        data.qpos[:] = self._qpos
+        kinematics = arm_model().kinematics
+        own = self._geoms[number] if number is not None else np.zeros_like(self._robot)
+        if leave:
+            self._set(self._columns[self._final[0]], self._final[1])
+        touches = 0
+        for start, end in itertools.pairwise(knots):
+            count = max(1, int(np.ceil(np.abs(end - start).max() / _CHECKED)))
+            for share in np.arange(1, count + 1) / count:
+                joints = start + share * (end - start)
+                data.qpos[:7] = joints
+                data.qpos[7:9] = 0.03
+                if held is not None and number is not None:
+                    self._set(self._columns[number], kinematics.forward(joints) @ held)
+                mujoco.mj_kinematics(model, data)
+                mujoco.mj_comPos(model, data)
+                mujoco.mj_collision(model, data)
+                pairs, distances = data.contact.geom[: data.ncon], data.contact.dist[: data.ncon]
+                moving = self._robot | (own if held is not None else False)
+                mine = moving[pairs]
+                # Of what moves with something else, or of the robot with itself.
+                apart = mine.any(axis=1) & ~mine.all(axis=1)
+                itself = self._robot[pairs].all(axis=1) & ~self._hand[pairs].all(axis=1) & (distances < 0.0)
+                fingers = self._hand[pairs].any(axis=1) & own[pairs].any(axis=1)
+                near = distances < np.where((self._robot & ~self._fingers)[pairs].any(axis=1), _MARGIN, 0.0)
+                touches += bool(((apart & near & ~fingers) | itself).any())
+        return touches
+
+    def _set(self, column: int, pose: mink.SE3) -> None:
+        """Sets the pose of an object."""
+        self._data.qpos[column : column + 3] = pose.translation()
+        self._data.qpos[column + 3 : column + 7] = pose.rotation().wxyz
+
+
+def _sides(half: float) -> list[float]:
+    """Returns offsets from the middle of a place of some half width at which objects are put [m]."""
+    reach = max(float(half) - 0.06, 0.0)
+    return sorted({0.0, min(_BESIDE, reach), -min(_BESIDE, reach)}, key=abs)
+
+
+def _azimuth(vector: Array) -> float:
+    """Returns the direction of a vector, seen from above [rad]."""
+    return float(np.arctan2(vector[1], vector[0]))
+
+
+_kitchen = functools.lru_cache(maxsize=16)(_ObjectKitchen)
