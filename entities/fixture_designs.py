@@ -391,7 +391,7 @@ class WallSlidingDesign(BoxDesign, frozen=True, tag="wall_sliding"):
         sign = 1 if self.hinge == "left" else -1
         left, right = sorted((0.0, sign * (half_width - GAP)))
         fixture.add_box(fixture.body, "panel", (left, 0, GAP), (right, PANEL, upper), "front")
-        travel = min(_SLIDING_TRAVEL, half_width - _EDGE)
+        travel = self._travel
         slide = {"axis": (1, 0, 0), "range": (0, travel) if sign > 0 else (-travel, 0)}
         joint = {"type": "slide", **slide, "damping": 2, "frictionloss": 2}
         opened = sign * min(_SLIDING_OPENING, 0.8 * travel)
@@ -402,10 +402,17 @@ class WallSlidingDesign(BoxDesign, frozen=True, tag="wall_sliding"):
         fixture.add_handle(body, self.handle, place, upright=True)
 
     @property
+    def _travel(self) -> float:
+        """How far the door slides [m]."""
+        return min(_SLIDING_TRAVEL, self.width / 2 - _EDGE)
+
+    @property
     def places(self) -> tuple[Place, ...]:
         extent = self.extent
+        # As far as the door slides away.
         side = self.width / 2 - PANEL
-        x = (-side, 0.0) if self.hinge == "left" else (0.0, side)
+        edge = self.width / 2 - self._travel
+        x = (-side, -edge) if self.hinge == "left" else (edge, side)
         place = Place.on("cabinet", "inside", "", x=x, y=(PANEL, extent.depth - PANEL), z=PANEL)
         return (dataclasses.replace(place, parts=("door",)),)
 

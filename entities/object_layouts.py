@@ -40,6 +40,7 @@ _WIDEST = 1.75  # Greatest angle from the robot's front at which objects stand [
 _TRAY_SHARE = 0.8  # Probability that a tray is looked for a place for.
 _APART = 0.13  # Least distance between the middles of objects [m].
 _CLEAR = 0.06  # Least distance of the middle of an object from what stands beside it [m].
+_KETTLE_ROOM = 0.14  # Half the width of the room that the kettle takes up [m].
 _EDGE = 0.06  # Least distance of the middle of an object from the edge of its worktop [m].
 _DEPTH = 0.3  # How far from the front of a worktop objects stand [m]: wall cabinets are above what is behind.
 _LAYOUTS = 100  # Number of layouts that are drawn until one has room for everything.
@@ -169,8 +170,9 @@ class _Drawing:
     def layout(self) -> ObjectLayout | None:
         """Returns the layout; None where there is no room for two objects, or for something to put them on."""
         if self._design.kettle:
-            # It stands on the front left burner of the oven.
-            self._middles.append(self._places["oven_1/burner_1"].centre)
+            # It stands on the front left burner of the oven, and the hand comes past it.
+            kettle = self._places["oven_1/burner_1"].centre[:2]
+            self._taken.append((kettle - _KETTLE_ROOM, kettle + _KETTLE_ROOM))
         tray = self._tray() if self._generator.random() < _TRAY_SHARE else None
         kinds = [OBJECT_KINDS[k] for k in self._generator.permutation(len(OBJECT_KINDS))]
         kinds.append(OBJECT_KINDS[int(self._generator.integers(len(OBJECT_KINDS)))])

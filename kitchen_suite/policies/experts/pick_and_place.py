@@ -3,7 +3,7 @@
 import collections
 import functools
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import mink
@@ -13,9 +13,9 @@ from dm_control import mjcf
 
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS
 from kitchen_suite.entities.kitchen_designs import KitchenDesign
-from kitchen_suite.entities.object_layouts import MAX_OBJECTS, OBJECT_KINDS, ObjectLayout
+from kitchen_suite.entities.object_layouts import MAX_OBJECTS, MAX_PLACES, OBJECT_KINDS, ObjectLayout
 from kitchen_suite.entities.pick_and_place import build_pick_and_place
-from kitchen_suite.entities.places import PLACE_KINDS, SURFACES
+from kitchen_suite.entities.places import PLACE_KINDS, ROOM, SURFACES
 from kitchen_suite.entities.scenes import robot_base
 from kitchen_suite.policies.experts import generated_kitchens as kitchens
 from kitchen_suite.policies.experts import skills
@@ -24,17 +24,22 @@ from kitchen_suite.policies.experts.encoders import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM
 from kitchen_suite.policies.experts.kitchen import arm_model
 from kitchen_suite.policies.experts.skills import HandOrientation, Move, Skill
-from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan
+from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
 from kitchen_suite.tasks.control_modes.registry import make_mode
 from kitchen_suite.tasks.generated_kitchens.slots import SLOT_SIZE, SLOT_SLICES
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
-from kitchen_suite.tasks.pick_and_place.mdp import OBJECT_SIZE, OBJECT_SLICES, SLICES, size
+from kitchen_suite.tasks.pick_and_place.mdp import OBJECT_SIZE, OBJECT_SLICES, PLACE_SIZE, PLACE_SLICES, SLICES, size
 from kitchen_suite.tasks.pick_and_place.task import PickAndPlaceTask
 from kitchen_suite.types import Array
 
 _UP = np.array([0.0, 0.0, 1.0])
+DEBUG = bool(__import__("os").environ.get("DEBUG"))
 
-_FAR, _LIFT, _BEFORE = 0.1, 0.1, 0.16  # Distances before a grasp, above it, and before a place with a front [m].
+FROM_ABOVE = SURFACES | {"drawer"}  # Kinds of places that the hand reaches from above.
+
+_LEAST_BEFORE = 0.33  # Least distance from the robot's axis at which the hand turns towards a place with a front [m].
+_FAR, _LIFT = 0.1, 0.1  # Distances before a grasp and above it [m].
+_ENTRIES = (0.3, 0.2, 0.4)  # Distances from which the hand moves straight into a place with a front [m].
 _ABOVE = 0.006  # Height above its support at which an object is let go [m].
 _CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.12, 0.08, 0.25  # Speeds of the hand [m/s].
 _CLOSE_STEPS, _OPEN_STEPS, _REST_STEPS = 9, 6, 3  # Control steps in which fingers close and open, and the hand rests.
@@ -43,15 +48,20 @@ _NEAR = 0.42  # Distance from the robot's axis at which the hand carries objects
 
 # Pitches of the hand below the horizontal, and azimuths relative to the usual one, that are tried [rad].
 _STEEP = tuple(np.radians([90.0, 65.0, 45.0, 25.0]).tolist())
-_FLAT = tuple(np.radians([15.0, 30.0, 5.0, 45.0]).tolist())
-_TURNS = tuple(np.radians([0.0, 30.0, -30.0, 60.0, -60.0]).tolist())
+_FLAT = tuple(np.radians([30.0, 50.0, 15.0, 65.0]).tolist())
+_TURNS = tuple(np.radians([0.0, 20.0, -20.0, 45.0, -45.0]).tolist())
 
-_CANDIDATES = 200  # Number of candidates that are looked at.
-_MOST = 12  # Number of candidates that are planned.
+_STEEPEST, _HALF_STEEP = 1.2, 0.6  # Pitches from which the hand comes from above, and half from above [rad].
+_RAISED = 0.02  # Height above its support at which an object is moved into a place with a front, or out of it [m].
+_LEAVING = 0.12  # How far the hand moves back from what it has let go [m].
+_PER_PITCH = 4  # Number of poses that are kept for a pitch of the hand.
+_TRIED = 40  # Number of poses that are tried for a pitch of the hand.
+_MOST = 10  # Number of pairs of poses that are planned.
 _FOUND = 3  # Number of motions that are kept for a task.
 _MARGIN = 0.008  # Distance that counts as a contact of the arm [m].
 _CHECKED = 0.1  # Spacing of the joint positions at which a path is checked for collisions [rad].
 _DEPTHS = (0.1, 0.07, 0.14)  # Depths behind the front of a place with a front at which an object is put [m].
+_PALM = 0.012  # How far before the axis of a can the hand grasps it from the side [m].
 _BESIDE = 0.09  # Distance from the middle of a place at which an object is put beside another one [m].
 
 
@@ -66,6 +76,7 @@ class Thing(NamedTuple):
       goal_kind: one of `PLACE_KINDS`; empty where it is not requested.
       goal: middle of the support of its place, `(3,)` [m].
       goal_half_size: half sizes of its place, `(3,)` [m].
+      within: support and half sizes of the place with a front in which it stands, `(2, 3)` [m]; None for none.
     """
 
     row: int
@@ -75,6 +86,7 @@ class Thing(NamedTuple):
     goal_kind: str
     goal: Array
     goal_half_size: Array
+    within: Array | None
 
     @property
     def is_done(self) -> bool:
@@ -88,6 +100,7 @@ def things(observation: Array) -> list[Thing]:
     """Returns the objects of a flat observation, requested ones first."""
     found = []
     rows = observation[SLICES["objects"]].reshape(MAX_OBJECTS, OBJECT_SIZE)
+    fronts = _places_with_fronts(observation)
     for number, row in enumerate(rows):
         part = {name: row[where] for name, where in OBJECT_SLICES.items()}
         if not part["kind"].any():
@@ -95,6 +108,8 @@ def things(observation: Array) -> list[Thing]:
         centre = part["position"] + robot_base()
         requested = part["requested"][0] > 0.5
         kind = OBJECT_KINDS[int(part["kind"].argmax())]
+        inside = [place for place in fronts if (np.abs(centre - place[0])[:2] < place[1, :2]).all()]
+        inside = [place for place in inside if 0.0 < centre[2] - place[0, 2] < ROOM]
         found.append(
             Thing(
                 row=number,
@@ -104,8 +119,20 @@ def things(observation: Array) -> list[Thing]:
                 goal_kind=PLACE_KINDS[int(part["goal_kind"].argmax())] if requested else "",
                 goal=part["goal_position"] + robot_base(),
                 goal_half_size=part["goal_half_size"],
+                within=next(iter(inside), None),
             )
         )
+    return found
+
+
+def _places_with_fronts(observation: Array) -> list[Array]:
+    """Returns the supports and half sizes `(2, 3)` of the cabinets and microwaves of a flat observation [m]."""
+    rows = observation[SLICES["places"]].reshape(MAX_PLACES, PLACE_SIZE)
+    found = []
+    for row in rows:
+        kind = row[PLACE_SLICES["kind"]]
+        if kind.any() and PLACE_KINDS[int(kind.argmax())] not in FROM_ABOVE:
+            found.append(np.stack([row[PLACE_SLICES["position"]] + robot_base(), row[PLACE_SLICES["half_size"]]]))
     return found
 
 
@@ -120,59 +147,70 @@ def _base(kind: str, centre: Array, x_axis: Array, z_axis: Array, half_size: Arr
     return base
 
 
-class Grasp(NamedTuple):
-    """A pose of the hand at an object, and how it is carried to its place.
+class End(NamedTuple):
+    """A pose of the hand at the beginning or at the end of a carry.
 
     Attributes:
-      at: position of the hand when it grasps, `(3,)` [m].
-      to: the same when it lets the object go [m].
-      azimuth: direction of the approach seen from above, when it grasps [rad].
-      goal_azimuth: the same when it lets the object go [rad].
       pitch: of the approach below the horizontal [rad].
-      front: direction into the place, `(3,)`; zeros for one that is reached from above.
-      by_robot: whether the object is carried past near the robot.
-      seed: joint positions from which inverse kinematics starts, `(7,)` [rad].
+      azimuth: direction of the approach seen from above [rad].
+      at: position of the hand, `(3,)` [m].
+      entry: distance from which the hand moves straight into a place with a front [m]; 0 for one open above.
+      joints: joint positions of the arm, `(7,)` [rad].
+      seed: those from which inverse kinematics found them.
     """
 
-    at: Array
-    to: Array
-    azimuth: float
-    goal_azimuth: float
     pitch: float
-    front: Array
-    by_robot: bool
-    seed: tuple[float, ...]
+    azimuth: float
+    at: Array
+    entry: float
+    joints: Array
+    seed: tuple[float, ...] = ()
 
-    def skill(self) -> Skill:
-        """Returns the motions of the hand."""
-        grasp, place = (orientation(angle, self.pitch) for angle in (self.azimuth, self.goal_azimuth))
-        approach, goal_approach = np.array(grasp.approach), np.array(place.approach)
-        lifted = self.at + _LIFT * _UP
-        # Into a drawer or onto a worktop from above, into a cabinet from before it.
-        has_front = bool(self.front.any())
-        before = self.to - _BEFORE * self.front + (0.02 * _UP if has_front else _LIFT * _UP)
-        moves = [
-            _move(self.at - _FAR * approach, grasp, skills.OPEN, settle=_REST_STEPS, free=True),
-            _move(self.at, grasp, skills.OPEN, speed=_APPROACH_SPEED, settle=_REST_STEPS),
-            _move(self.at, grasp, skills.CLOSED, settle=_CLOSE_STEPS),
-            _move(lifted, grasp, skills.CLOSED, speed=_CARRY_SPEED),
-        ]
-        if self.by_robot:
-            height = max(lifted[2], before[2])
-            moves += [
-                _move(_near(lifted, height), grasp, skills.CLOSED, speed=_CARRY_SPEED),
-                _move(_near(before, height), place, skills.CLOSED, speed=_CARRY_SPEED),
-            ]
-        moves += [
-            _move(before, place, skills.CLOSED, speed=_CARRY_SPEED, settle=_REST_STEPS),
-            *([_move(self.to + 0.02 * _UP, place, skills.CLOSED, speed=_PLACE_SPEED)] if has_front else []),
-            _move(self.to, place, skills.CLOSED, speed=_PLACE_SPEED, settle=_REST_STEPS),
-            _move(self.to, place, skills.OPEN, settle=_OPEN_STEPS),
-            _move(self.to - (_FAR + 0.02) * goal_approach, place, skills.OPEN, speed=_APPROACH_SPEED),
-        ]
-        if has_front:
-            moves.append(_move(before - 0.08 * self.front, place, skills.OPEN, speed=_APPROACH_SPEED))
-        return Skill(moves=tuple(moves), ik_seed=self.seed)
+    @property
+    def hand(self) -> HandOrientation:
+        """Orientation of the hand."""
+        return orientation(self.azimuth, self.pitch)
+
+    @property
+    def before(self) -> Array:
+        """Position of the hand before it, `(3,)` [m]: before the front of the place, or some way back."""
+        if self.entry:
+            return _outside(self.at, self.azimuth, self.entry)
+        return self.at - _FAR * np.array(self.hand.approach)
+
+    def pose(self, position: Array) -> mink.SE3:
+        """Returns the pose of the hand at a position in this orientation."""
+        return mink.SE3.from_rotation_and_translation(self.hand.rotation, position)
+
+
+def skill_of(grasp: End, place: End, by_robot: bool) -> Skill:
+    """Returns the motions that grasp an object, carry it, perhaps past near the robot, and let it go."""
+    lifted = grasp.at + (_RAISED if grasp.entry else _LIFT) * _UP
+    above = place.before if place.entry else place.at + _LIFT * _UP
+    moves = [
+        _move(grasp.before, grasp, skills.OPEN, settle=_REST_STEPS, free=True),
+        _move(grasp.at, grasp, skills.OPEN, speed=_APPROACH_SPEED, settle=_REST_STEPS),
+        _move(grasp.at, grasp, skills.CLOSED, settle=_CLOSE_STEPS),
+        _move(lifted, grasp, skills.CLOSED, speed=_CARRY_SPEED),
+    ]
+    if grasp.entry:
+        lifted = grasp.before
+        moves.append(_move(lifted, grasp, skills.CLOSED, speed=_CARRY_SPEED))
+    if by_robot:
+        height = max(lifted[2], above[2])
+        moves.append(_move(_near(lifted, height), grasp, skills.CLOSED, speed=_CARRY_SPEED))
+        moves.append(_move(_near(above, height), place, skills.CLOSED, speed=_CARRY_SPEED))
+    moves.append(_move(above, place, skills.CLOSED, speed=_CARRY_SPEED, settle=_REST_STEPS))
+    if place.entry:
+        moves.append(_move(place.at + _RAISED * _UP, place, skills.CLOSED, speed=_PLACE_SPEED))
+    moves += [
+        _move(place.at, place, skills.CLOSED, speed=_PLACE_SPEED, settle=_REST_STEPS),
+        _move(place.at, place, skills.OPEN, settle=_OPEN_STEPS),
+        _move(place.at - _LEAVING * np.array(place.hand.approach), place, skills.OPEN, speed=_APPROACH_SPEED),
+    ]
+    if place.entry:
+        moves.append(_move(place.before, place, skills.OPEN, speed=_APPROACH_SPEED))
+    return Skill(moves=tuple(moves), ik_seed=tuple(grasp.joints.tolist()))
 
 
 def orientation(azimuth: float, pitch: float) -> HandOrientation:
@@ -183,16 +221,46 @@ def orientation(azimuth: float, pitch: float) -> HandOrientation:
 
 
 def _move(
-    position: Array, hand: HandOrientation, fingers: float, *, speed: float = 0.5, settle: int = 0, free: bool = False
+    position: Array, end: End, fingers: float, *, speed: float = 0.5, settle: int = 0, free: bool = False
 ) -> Move:
     return Move(
         position=skills.vector(position),
-        orientation=hand,
+        orientation=end.hand,
         fingers=fingers,
         speed=speed,
         settle_steps=settle,
         in_free_space=free,
     )
+
+
+def _hold(thing: Thing, pitch: float) -> tuple[Array, list[float]]:
+    """Returns the hand's position relative to an object's base, in the frame of the hand's azimuth, and azimuths [rad].
+
+    A can and a bottle are grasped from any side, a carton across its short side, a mug by its handle.
+    """
+    is_steep = pitch > _HALF_STEEP
+    radial = _azimuth(thing.base - robot_base())
+    axis = float(np.arctan2(thing.x_axis[1], thing.x_axis[0]))
+    sides = [radial + turn for turn in _TURNS]
+    # The palm stays clear of what is grasped from the side.
+    back = 0.0 if pitch > _STEEPEST else -_PALM
+    match thing.kind:
+        case "can":
+            return np.array([back, 0.0, 0.065]), sides
+        case "bottle":
+            return np.array([back, 0.0, 0.138 if is_steep else 0.06]), sides
+        case "carton":
+            ahead = axis if np.cos(axis - radial) > 0.0 else axis + np.pi
+            return np.array([-0.025 if pitch < _STEEPEST else 0.0, 0.0, 0.06]), [ahead]
+        case _:
+            return np.array([-0.062, 0.0, 0.06 if is_steep else 0.048]), [axis + np.pi]
+
+
+def _outside(point: Array, azimuth: float, distance: float) -> Array:
+    """Returns the point at a distance before one in a place with a front, from which the hand moves straight in [m]."""
+    ahead = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    along = float((point - robot_base()) @ ahead)
+    return point - min(distance, max(along - _LEAST_BEFORE, 0.1)) * ahead + _RAISED * _UP
 
 
 def _near(point: Array, height: float) -> Array:
@@ -248,8 +316,10 @@ class ObjectExpert(Expert):
         thing = min(pending, key=lambda each: self._failures[each.row])
         self._present = thing.row
         self._kitchen.see(observation)
-        motions = self._kitchen.motions(thing, self.encoder.limits)
-        planned, way = motions[self._failures[thing.row] % len(motions)]
+        motions = self._kitchen.motions(thing, self.encoder.limits, self._failures[thing.row])
+        if not motions:
+            return JointTrajectory.stationary(joints, self._fingers)
+        planned, way = motions[0]
         trajectory = JointTrajectory.stationary(joints, self._fingers)
         for knot in way:
             trajectory = trajectory.then(JointTrajectory.stationary(knot, skills.OPEN), self._limits)
@@ -337,113 +407,117 @@ class _ObjectKitchen:
             numbers.append(number)
         return numbers
 
-    def motions(self, thing: Thing, limits: JointSpeedLimits) -> list[Planned]:
-        """Returns motions that put an object where it is to be: those first on which the robot touches the least."""
-        kinematics = arm_model().kinematics
+    def motions(self, thing: Thing, limits: JointSpeedLimits, attempt: int) -> list[Planned]:
+        """Returns motions that put an object where it is to be: those first on which the robot touches the least.
+
+        Empty if none is found. Each attempt looks elsewhere.
+        """
+        generator = np.random.default_rng(attempt)
+        grasps, places = self._ends_at(thing, generator), self._ends_in(thing, generator)
+        pairs = [(grasp, place) for grasp in grasps for place in places if grasp.pitch == place.pitch]
+        # The arm keeps its posture where it can.
+        pairs.sort(key=lambda pair: float(np.abs(pair[0].joints - pair[1].joints).max()))
         found: list[tuple[float, Planned]] = []
-        worst: tuple[float, Planned] | None = None
-        tried = 0
-        for grasp in itertools.islice(self._grasps(thing), _CANDIDATES):
-            error = self._missing(grasp)
-            if error > 0.01 and worst is not None:
-                continue
-            tried += 1
-            planned = plan(kinematics, limits, grasp.skill())
-            beyond = (planned.knots < POSITION_LOW[ARM]) | (planned.knots > POSITION_HIGH[ARM])
-            if worst is None or planned.position_error < worst[0]:
-                worst = planned.position_error, (planned, [])
-            if not planned.is_reachable or beyond.any():
-                continue
-            way, count = self._way(planned.knots[0])
-            touches = count + self._carried(planned, thing)
-            found.append((touches, (planned, way)))
-            if sum(count == 0 for count, _ in found) == 1 or len(found) == 6 or tried == _MOST:
+        for number, (grasp, place) in enumerate(pairs):
+            if number == _MOST or (found and found[-1][0] == 0):
                 break
-        if not found:
-            assert worst is not None, "there is at least one grasp"
-            return [worst[1]]
+            for by_robot in (False, True):
+                planned = plan(arm_model().kinematics, limits, skill_of(grasp, place, by_robot))
+                beyond = (planned.knots < POSITION_LOW[ARM]) | (planned.knots > POSITION_HIGH[ARM])
+                if not planned.is_reachable or beyond.any():
+                    continue
+                way, count = self._way(planned.knots[0])
+                found.append((count + self._carried(planned, thing), (planned, way)))
+                if found[-1][0] == 0:
+                    break
+        if DEBUG:
+            print(
+                "  ",
+                thing.kind,
+                thing.goal_kind,
+                "grasps",
+                len(grasps),
+                "places",
+                len(places),
+                "pairs",
+                len(pairs),
+                "found",
+                [t for t, _ in found],
+            )
         return [motion for _, motion in sorted(found, key=lambda each: each[0])][:_FOUND]
 
-    def _missing(self, grasp: Grasp) -> float:
-        """Returns the greatest distance of the hand from its poses at the grasp and at the place [m]."""
-        kinematics, joints = arm_model().kinematics, np.array(grasp.seed)
-        greatest = 0.0
-        moves = grasp.skill().lines
-        for move in (moves[0], moves[1], moves[3], moves[-5], moves[-3]):
-            joints = kinematics.inverse(move.pose, start=joints)
-            greatest = max(greatest, float(np.linalg.norm(kinematics.forward(joints).translation() - move.position)))
-            if greatest > 0.01:
-                break
-        return greatest
+    def _ends_at(self, thing: Thing, generator: np.random.Generator) -> list[End]:
+        """Returns poses in which the hand grasps an object."""
+        found: list[End] = []
+        number = self._numbers[thing.row]
+        for pitch in self._pitches(thing):
+            local, azimuths = _hold(thing, pitch)
+            choices = list(itertools.product(azimuths, _ENTRIES if thing.within is not None else (0.0,)))
+            count = 0
+            for k in generator.permutation(len(choices)).tolist():
+                azimuth, entry = choices[k]
+                at = thing.base + mink.SO3.from_z_radians(azimuth).apply(local)
+                for end in self._solved(End(pitch, azimuth, at, entry, np.zeros(7)), thing.base, number, None):
+                    found.append(end)
+                    count += 1
+                if count >= _PER_PITCH:
+                    break
+        return found
 
-    def _grasps(self, thing: Thing) -> Iterator[Grasp]:
-        """Yields grasps that may put an object where it is to be, the usual ones first."""
-        from_above = thing.goal_kind in SURFACES or thing.goal_kind == "drawer"
-        pitches = _STEEP if from_above else _FLAT
+    def _ends_in(self, thing: Thing, generator: np.random.Generator) -> list[End]:
+        """Returns poses in which the hand lets an object go where it is to be."""
+        found: list[End] = []
         spots = self._spots(thing)
-        seeds = (kitchens.tuck_posture(kitchens.TUCKS[0]), *kitchens.SEEDS[:3])
-        usual = []
-        for turn, (spot, front), goal_turn, pitch, by_robot, seed in itertools.product(
-            _TURNS, spots, _TURNS, pitches, (False, True), seeds
-        ):
-            usual.append((abs(turn) + abs(goal_turn), spot, front, turn, goal_turn, pitch, by_robot, seed))
-        order = np.random.default_rng(0).permutation(len(usual))
-        first = [k for k in range(len(usual)) if usual[k][0] == 0.0]
-        for k in (*first, *(k for k in order.tolist() if usual[k][0] > 0.0)):
-            _, spot, front, turn, goal_turn, pitch, by_robot, seed = usual[k]
-            yield from self._grasp(thing, spot, front, turn, goal_turn, pitch, by_robot, seed)
+        has_front = thing.goal_kind not in FROM_ABOVE
+        number = self._numbers[thing.row]
+        for pitch in self._pitches(thing):
+            local, _ = _hold(thing, pitch)
+            choices = list(itertools.product(spots, _TURNS, _ENTRIES if has_front else (0.0,)))
+            count = 0
+            for k in generator.permutation(len(choices)).tolist()[:_TRIED]:
+                (spot, front), turn, entry = choices[k]
+                azimuth = _azimuth(front if has_front else spot - robot_base()) + turn
+                turned = mink.SO3.from_z_radians(azimuth)
+                end = End(pitch, azimuth, spot + turned.apply(local) + _ABOVE * _UP, entry, np.zeros(7))
+                held = end.pose(end.at).inverse() @ mink.SE3.from_rotation_and_translation(turned, spot + _ABOVE * _UP)
+                solved = self._solved(end, spot, number, held)
+                found += solved
+                count += len(solved)
+                if count >= _PER_PITCH:
+                    break
+        return found
 
-    def _grasp(
-        self,
-        thing: Thing,
-        spot: Array,
-        front: Array,
-        turn: float,
-        goal_turn: float,
-        pitch: float,
-        by_robot: bool,
-        seed: tuple[float, ...],
-    ) -> Iterator[Grasp]:
-        axis = float(np.arctan2(thing.x_axis[1], thing.x_axis[0]))
-        radial = _azimuth(thing.base - robot_base())
-        match thing.kind:
-            case "can":
-                azimuth, point = radial + turn, np.array([0.0, 0.0, 0.065])
-            case "bottle":
-                azimuth, point = radial + turn, np.array([0.0, 0.0, 0.138 if pitch > 0.6 else 0.06])
-            case "carton":
-                if turn:
-                    return
-                azimuth = axis if np.cos(axis - radial) > 0.0 else axis + np.pi
-                point = np.array([0.0, 0.0, 0.06])
-                if pitch < 1.2:
-                    point[0] = -0.02 if np.cos(axis - radial) > 0.0 else 0.02
-            case _:
-                if turn:
-                    return
-                azimuth, point = axis + np.pi, np.array([0.062, 0.0, 0.06 if pitch > 0.6 else 0.048])
-        into = front if front.any() else spot - robot_base()
-        goal_azimuth = _azimuth(into) + goal_turn
-        rotation = mink.SO3.from_z_radians(axis)
-        rotated = rotation.apply(point)
-        turned = mink.SO3.from_z_radians(goal_azimuth - azimuth).apply(rotated)
-        yield Grasp(
-            at=thing.base + rotated,
-            to=spot + turned + _ABOVE * _UP,
-            azimuth=azimuth,
-            goal_azimuth=goal_azimuth,
-            pitch=pitch,
-            front=front,
-            by_robot=by_robot,
-            seed=kitchens.aimed_posture(seed, thing.base),
-        )
+    def _pitches(self, thing: Thing) -> tuple[float, ...]:
+        """Returns the pitches of the hand in which an object may be carried from where it is to where it is to be."""
+        return _STEEP if thing.goal_kind in FROM_ABOVE and thing.within is None else _FLAT
+
+    def _solved(self, end: End, towards: Array, number: int, held: mink.SE3 | None) -> list[End]:
+        """Returns an end with joint positions in which the arm reaches it, and what is before it, and touches nothing.
+
+        Empty if there are none. `held` is the pose of the object in the hand, None before it is grasped.
+        """
+        kinematics = arm_model().kinematics
+        for seed in (kitchens.tuck_posture(kitchens.TUCKS[0]), *kitchens.SEEDS):
+            before = kinematics.inverse(end.pose(end.before), start=np.array(kitchens.aimed_posture(seed, towards)))
+            if not self._reaches(before, end.before):
+                continue
+            joints = kinematics.inverse(end.pose(end.at), start=before)
+            if self._reaches(joints, end.at) and not self._touches([before, joints][-1:] * 2, number, held):
+                return [end._replace(joints=joints, seed=seed)]
+        return []
+
+    def _reaches(self, joints: Array, place: Array) -> bool:
+        """Returns whether the hand is at a place at joint positions within their limits."""
+        inside = ((joints > POSITION_LOW[ARM]) & (joints < POSITION_HIGH[ARM])).all()
+        apart = np.linalg.norm(arm_model().kinematics.forward(joints).translation() - place)
+        return bool(inside and apart < OUT_OF_REACH)
 
     def _spots(self, thing: Thing) -> list[tuple[Array, Array]]:
         """Returns points where the object may be put, and the direction into the place, zeros if it is from above."""
         goal, half = thing.goal, thing.goal_half_size
         others = [other.base for other in self._things if other.row != thing.row]
         into = np.zeros(3)
-        if thing.goal_kind not in SURFACES and thing.goal_kind != "drawer":
+        if thing.goal_kind not in FROM_ABOVE:
             into = self._into(goal)
             along = np.abs(np.cross(_UP, into))
             depth = float(np.abs(into) @ half)
@@ -481,13 +555,13 @@ class _ObjectKitchen:
 
     def _way(self, end: Array) -> tuple[list[Array], int]:
         """Returns joint positions on the way from near the robot to a grasp, and where the robot touches something."""
-        near = np.array(
-            kitchens.aimed_posture(
-                kitchens.tuck_posture(kitchens.TUCKS[0]), arm_model().kinematics.forward(end).translation()
-            )
-        )
-        options = [[near], []]
-        found = [(way, self._touches([*way, end] if way else [near, end], None, None)) for way in options[:1]]
+        towards = arm_model().kinematics.forward(end).translation()
+        found = []
+        for tuck in kitchens.TUCKS:
+            near = np.array(kitchens.aimed_posture(kitchens.tuck_posture(tuck), towards))
+            found.append(([near], self._touches([near, end], None, None)))
+            if not found[-1][1]:
+                break
         return min(found, key=lambda each: each[1])
 
     def _carried(self, planned: JointTrajectory, thing: Thing) -> int:
@@ -505,10 +579,15 @@ class _ObjectKitchen:
         )
         relative = grasped.inverse() @ start
         lifted = next(k for k in range(first, last + 1) if np.abs(knots[k] - knots[first]).max() > 0.03)
-        touches = self._touches(knots[: first + 1], number, None)
-        touches += self._touches(knots[lifted : last + 1], number, relative)
+        before = self._touches(knots[: first + 1], number, None)
+        w = [self._what]
+        during = self._touches(knots[lifted : last + 1], number, relative)
+        w.append(self._what)
         self._final = number, kinematics.forward(knots[last]) @ relative
-        return touches + self._touches(knots[last:], number, None, leave=True)
+        after = self._touches(knots[last:], number, None, leave=True)
+        w.append(self._what)
+        self._detail = (before, during, after, w)
+        return before + during + after
 
     def _touches(self, knots: list[Array], number: int | None, held: mink.SE3 | None, *, leave: bool = False) -> int:
         """Returns at how many joint positions, `(7,)` and between them, the robot touches something.
@@ -526,6 +605,7 @@ class _ObjectKitchen:
         if leave:
             self._set(self._columns[self._final[0]], self._final[1])
         touches = 0
+        self._what = None
         for start, end in itertools.pairwise(knots):
             count = max(1, int(np.ceil(np.abs(end - start).max() / _CHECKED)))
             for share in np.arange(1, count + 1) / count:
@@ -544,8 +624,16 @@ class _ObjectKitchen:
                 apart = mine.any(axis=1) & ~mine.all(axis=1)
                 itself = self._robot[pairs].all(axis=1) & ~self._hand[pairs].all(axis=1) & (distances < 0.0)
                 fingers = self._hand[pairs].any(axis=1) & own[pairs].any(axis=1)
-                near = distances < np.where((self._robot & ~self._fingers)[pairs].any(axis=1), _MARGIN, 0.0)
-                touches += bool(((apart & near & ~fingers) | itself).any())
+                keeps_off = (self._robot & ~self._fingers)[pairs].any(axis=1) & ~own[pairs].any(axis=1)
+                near = distances < np.where(keeps_off, _MARGIN, 0.0)
+                bad = (apart & near & ~fingers) | itself
+                touches += bool(bad.any())
+                if DEBUG and bad.any():
+                    g1, g2 = pairs[np.flatnonzero(bad)[0]]
+                    self._what = (
+                        self._physics.model.id2name(int(g1), "geom"),
+                        self._physics.model.id2name(int(g2), "geom"),
+                    )
         return touches
 
     def _set(self, column: int, pose: mink.SE3) -> None:
