@@ -1,6 +1,7 @@
 """The expert of objects in generated kitchens: it opens what is closed, grasps an object, carries it and lets it go."""
 
 import collections
+import dataclasses
 import functools
 import itertools
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS
-from kitchen_suite.entities.kitchen_designs import KitchenDesign
+from kitchen_suite.entities.kitchen_designs import SHOULDER, KitchenDesign
 from kitchen_suite.entities.object_layouts import MAX_OBJECTS, MAX_PLACES, OBJECT_KINDS, ObjectLayout
 from kitchen_suite.entities.pick_and_place import build_pick_and_place
 from kitchen_suite.entities.places import PLACE_KINDS, ROOM, SURFACES
@@ -42,7 +43,9 @@ _FAR, _LIFT = 0.1, 0.1  # Distances before a grasp and above it [m].
 _ENTRIES = (0.3, 0.2, 0.4)  # Distances from which the hand moves straight into a place with a front [m].
 _ABOVE = 0.006  # Height above its support at which an object is let go [m].
 _CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.12, 0.08, 0.25  # Speeds of the hand [m/s].
+_JOINT_SHARE = 0.4  # Share of the joints' greatest speeds with which objects are carried.
 _CLOSE_STEPS, _OPEN_STEPS, _REST_STEPS = 9, 6, 3  # Control steps in which fingers close and open, and the hand rests.
+_ATTEMPTS = 4  # Number of motions that are tried for an object.
 _SETTLE_STEPS = 8  # Control steps from the end of a trajectory to the failure of its task.
 _NEAR = 0.42  # Distance from the robot's axis at which the hand carries objects past what stands around it [m].
 
@@ -54,8 +57,11 @@ _TURNS = tuple(np.radians([0.0, 20.0, -20.0, 45.0, -45.0]).tolist())
 _STEEPEST, _HALF_STEEP = 1.2, 0.6  # Pitches from which the hand comes from above, and half from above [rad].
 _RAISED = 0.02  # Height above its support at which an object is moved into a place with a front, or out of it [m].
 _LEAVING = 0.12  # How far the hand moves back from what it has let go [m].
+_HAND_LENGTH = 0.2  # From the wrist to the finger tips [m].
+_WRIST_REACH = 0.8  # Distance of the wrist from the shoulder beyond which no posture is looked for [m].
+_SEEDS = 3  # Number of postures from which inverse kinematics starts for a pose of the hand.
 _PER_PITCH = 4  # Number of poses that are kept for a pitch of the hand.
-_TRIED = 40  # Number of poses that are tried for a pitch of the hand.
+_TRIED = 16  # Number of poses that are tried for a pitch of the hand.
 _MOST = 10  # Number of pairs of poses that are planned.
 _FOUND = 3  # Number of motions that are kept for a task.
 _MARGIN = 0.008  # Distance that counts as a contact of the arm [m].
@@ -251,7 +257,7 @@ def _hold(thing: Thing, pitch: float) -> tuple[Array, list[float]]:
             return np.array([back, 0.0, 0.138 if is_steep else 0.06]), sides
         case "carton":
             ahead = axis if np.cos(axis - radial) > 0.0 else axis + np.pi
-            return np.array([-0.025 if pitch < _STEEPEST else 0.0, 0.0, 0.06]), [ahead]
+            return np.array([-0.032 if pitch < _STEEPEST else 0.0, 0.0, 0.068]), [ahead]
         case _:
             return np.array([-0.062, 0.0, 0.06 if is_steep else 0.048]), [axis + np.pi]
 
@@ -310,7 +316,8 @@ class ObjectExpert(Expert):
         closed = self._closed_part(observation)
         if closed is not None:
             return self._opening(closed, observation, joints)
-        pending = [thing for thing in things(observation) if thing.goal_kind and not thing.is_done]
+        asked = (thing for thing in things(observation) if thing.goal_kind and not thing.is_done)
+        pending = [thing for thing in asked if self._failures[thing.row] < _ATTEMPTS]
         if not pending:
             return None if self._trajectory is not None else JointTrajectory.stationary(joints, skills.OPEN)
         thing = min(pending, key=lambda each: self._failures[each.row])
@@ -318,6 +325,7 @@ class ObjectExpert(Expert):
         self._kitchen.see(observation)
         motions = self._kitchen.motions(thing, self.encoder.limits, self._failures[thing.row])
         if not motions:
+            # Others are looked for in the next attempt.
             return JointTrajectory.stationary(joints, self._fingers)
         planned, way = motions[0]
         trajectory = JointTrajectory.stationary(joints, self._fingers)
@@ -413,6 +421,9 @@ class _ObjectKitchen:
         Empty if none is found. Each attempt looks elsewhere.
         """
         generator = np.random.default_rng(attempt)
+        # What is held slips where the hand turns as fast as the joints can.
+        speeds = tuple((_JOINT_SHARE * np.array(limits.joint_speed)).tolist())
+        limits = dataclasses.replace(limits, joint_speed=speeds)
         grasps, places = self._ends_at(thing, generator), self._ends_in(thing, generator)
         pairs = [(grasp, place) for grasp in grasps for place in places if grasp.pitch == place.pitch]
         # The arm keeps its posture where it can.
@@ -457,7 +468,9 @@ class _ObjectKitchen:
             for k in generator.permutation(len(choices)).tolist():
                 azimuth, entry = choices[k]
                 at = thing.base + mink.SO3.from_z_radians(azimuth).apply(local)
-                for end in self._solved(End(pitch, azimuth, at, entry, np.zeros(7)), thing.base, number, None):
+                for end in self._solved(
+                    End(pitch, azimuth, at, entry, np.zeros(7)), thing.base, number, None, generator
+                ):
                     found.append(end)
                     count += 1
                 if count >= _PER_PITCH:
@@ -480,7 +493,7 @@ class _ObjectKitchen:
                 turned = mink.SO3.from_z_radians(azimuth)
                 end = End(pitch, azimuth, spot + turned.apply(local) + _ABOVE * _UP, entry, np.zeros(7))
                 held = end.pose(end.at).inverse() @ mink.SE3.from_rotation_and_translation(turned, spot + _ABOVE * _UP)
-                solved = self._solved(end, spot, number, held)
+                solved = self._solved(end, spot, number, held, generator)
                 found += solved
                 count += len(solved)
                 if count >= _PER_PITCH:
@@ -491,13 +504,19 @@ class _ObjectKitchen:
         """Returns the pitches of the hand in which an object may be carried from where it is to where it is to be."""
         return _STEEP if thing.goal_kind in FROM_ABOVE and thing.within is None else _FLAT
 
-    def _solved(self, end: End, towards: Array, number: int, held: mink.SE3 | None) -> list[End]:
+    def _solved(
+        self, end: End, towards: Array, number: int, held: mink.SE3 | None, generator: np.random.Generator
+    ) -> list[End]:
         """Returns an end with joint positions in which the arm reaches it, and what is before it, and touches nothing.
 
         Empty if there are none. `held` is the pose of the object in the hand, None before it is grasped.
         """
         kinematics = arm_model().kinematics
-        for seed in (kitchens.tuck_posture(kitchens.TUCKS[0]), *kitchens.SEEDS):
+        wrist = end.at - _HAND_LENGTH * np.array(end.hand.approach)
+        if np.linalg.norm(wrist - robot_base() - SHOULDER * _UP) > _WRIST_REACH:
+            return []
+        seeds = (kitchens.tuck_posture(kitchens.TUCKS[0]), *kitchens.SEEDS)
+        for seed in (seeds[k] for k in generator.permutation(len(seeds))[:_SEEDS]):
             before = kinematics.inverse(end.pose(end.before), start=np.array(kitchens.aimed_posture(seed, towards)))
             if not self._reaches(before, end.before):
                 continue
