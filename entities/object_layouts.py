@@ -170,9 +170,10 @@ class _Drawing:
     def layout(self) -> ObjectLayout | None:
         """Returns the layout; None where there is no room for two objects, or for something to put them on."""
         if self._design.kettle:
-            # It stands on the front left burner of the oven, and the hand comes past it.
-            kettle = self._places["oven_1/burner_1"].centre[:2]
-            self._taken.append((kettle - _KETTLE_ROOM, kettle + _KETTLE_ROOM))
+            # It stands on the front left burner of the oven; the hand does not come to what is behind it.
+            x, y, _ = self._places["oven_1/burner_1"].centre
+            low, high = (x - 1.0, y - _KETTLE_ROOM), (x + _KETTLE_ROOM, y + 1.0)
+            self._taken.append((np.array(low), np.array(high)))
         tray = self._tray() if self._generator.random() < _TRAY_SHARE else None
         kinds = [OBJECT_KINDS[k] for k in self._generator.permutation(len(OBJECT_KINDS))]
         kinds.append(OBJECT_KINDS[int(self._generator.integers(len(OBJECT_KINDS)))])

@@ -4,8 +4,8 @@ import collections
 import dataclasses
 import functools
 import itertools
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Self
 
 import mink
 import mujoco
@@ -25,7 +25,13 @@ from kitchen_suite.policies.experts.encoders import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM
 from kitchen_suite.policies.experts.kitchen import arm_model
 from kitchen_suite.policies.experts.skills import HandOrientation, Move, Skill
-from kitchen_suite.policies.experts.trajectories import OUT_OF_REACH, JointSpeedLimits, JointTrajectory, plan
+from kitchen_suite.policies.experts.trajectories import (
+    OUT_OF_REACH,
+    HandSpeedLimits,
+    JointSpeedLimits,
+    JointTrajectory,
+    plan,
+)
 from kitchen_suite.tasks.control_modes.registry import make_mode
 from kitchen_suite.tasks.generated_kitchens.slots import SLOT_SIZE, SLOT_SLICES
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
@@ -42,8 +48,12 @@ _LEAST_BEFORE = 0.33  # Least distance from the robot's axis at which the hand t
 _FAR, _LIFT = 0.1, 0.1  # Distances before a grasp and above it [m].
 _ENTRIES = (0.3, 0.2, 0.4)  # Distances from which the hand moves straight into a place with a front [m].
 _ABOVE = 0.006  # Height above its support at which an object is let go [m].
-_CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.12, 0.08, 0.25  # Speeds of the hand [m/s].
-_JOINT_SHARE = 0.4  # Share of the joints' greatest speeds with which objects are carried.
+_CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.18, 0.1, 0.25  # Speeds of the hand [m/s].
+_JOINT_SHARE = 0.5  # Share of the joints' greatest speeds with which objects are carried.
+_TURN_SPEED = 1.2  # Speed with which the hand turns what it carries [rad/s].
+_LEAST_UPRIGHT = 0.6  # Least cosine of the tilt of what is carried.
+_STEP = 0.3  # Greatest motion of a joint in a step of a tree [rad].
+_ITERATIONS, _SHORTCUTS = 150, 60  # Numbers of samples by which trees grow, and of shortcuts that are tried.
 _CLOSE_STEPS, _OPEN_STEPS, _REST_STEPS = 9, 6, 3  # Control steps in which fingers close and open, and the hand rests.
 _ATTEMPTS = 4  # Number of motions that are tried for an object.
 _SETTLE_STEPS = 8  # Control steps from the end of a trajectory to the failure of its task.
@@ -51,7 +61,7 @@ _NEAR = 0.42  # Distance from the robot's axis at which the hand carries objects
 
 # Pitches of the hand below the horizontal, and azimuths relative to the usual one, that are tried [rad].
 _STEEP = tuple(np.radians([90.0, 65.0, 45.0, 25.0]).tolist())
-_FLAT = tuple(np.radians([30.0, 50.0, 15.0, 65.0]).tolist())
+_FLAT = tuple(np.radians([25.0, 12.0, 40.0, 0.0]).tolist())
 _TURNS = tuple(np.radians([0.0, 20.0, -20.0, 45.0, -45.0]).tolist())
 
 _STEEPEST, _HALF_STEEP = 1.2, 0.6  # Pitches from which the hand comes from above, and half from above [rad].
@@ -62,8 +72,8 @@ _WRIST_REACH = 0.8  # Distance of the wrist from the shoulder beyond which no po
 _SEEDS = 3  # Number of postures from which inverse kinematics starts for a pose of the hand.
 _PER_PITCH = 4  # Number of poses that are kept for a pitch of the hand.
 _TRIED = 16  # Number of poses that are tried for a pitch of the hand.
-_MOST = 10  # Number of pairs of poses that are planned.
-_FOUND = 3  # Number of motions that are kept for a task.
+_FOUND = 3  # Number of motions of which the shortest is made.
+_MOST = 16  # Number of pairs of a grasp and a place that are tried.
 _MARGIN = 0.008  # Distance that counts as a contact of the arm [m].
 _CHECKED = 0.1  # Spacing of the joint positions at which a path is checked for collisions [rad].
 _DEPTHS = (0.1, 0.07, 0.14)  # Depths behind the front of a place with a front at which an object is put [m].
@@ -160,63 +170,60 @@ class End(NamedTuple):
       pitch: of the approach below the horizontal [rad].
       azimuth: direction of the approach seen from above [rad].
       at: position of the hand, `(3,)` [m].
-      entry: distance from which the hand moves straight into a place with a front [m]; 0 for one open above.
-      joints: joint positions of the arm, `(7,)` [rad].
-      seed: those from which inverse kinematics found them.
+      start: position from which the hand moves straight there, `(3,)` [m].
+      has_front: whether it is in a place with a front.
+      joints: joint positions of the arm at the start, `(7,)` [rad].
     """
 
     pitch: float
     azimuth: float
     at: Array
-    entry: float
+    start: Array
+    has_front: bool
     joints: Array
-    seed: tuple[float, ...] = ()
+
+    @classmethod
+    def make(cls, pitch: float, azimuth: float, at: Array, entry: float, start: Array) -> Self:
+        """Returns a pose without joint positions; `entry` is the distance from the front, 0 for a place without one."""
+        return cls(pitch, azimuth, at, _outside(at, azimuth, entry) if entry else start, entry > 0.0, np.zeros(7))
 
     @property
     def hand(self) -> HandOrientation:
         """Orientation of the hand."""
         return orientation(self.azimuth, self.pitch)
 
-    @property
-    def before(self) -> Array:
-        """Position of the hand before it, `(3,)` [m]: before the front of the place, or some way back."""
-        if self.entry:
-            return _outside(self.at, self.azimuth, self.entry)
-        return self.at - _FAR * np.array(self.hand.approach)
-
     def pose(self, position: Array) -> mink.SE3:
         """Returns the pose of the hand at a position in this orientation."""
         return mink.SE3.from_rotation_and_translation(self.hand.rotation, position)
 
+    def grasping(self) -> Skill:
+        """Returns the motions that grasp an object here and lift it."""
+        moves = [
+            _move(self.start, self, skills.OPEN, settle=_REST_STEPS, free=True),
+            _move(self.at, self, skills.OPEN, speed=_APPROACH_SPEED, settle=_REST_STEPS),
+            _move(self.at, self, skills.CLOSED, settle=_CLOSE_STEPS),
+        ]
+        if self.has_front:
+            moves.append(_move(self.at + _RAISED * _UP, self, skills.CLOSED, speed=_CARRY_SPEED))
+            moves.append(_move(self.start, self, skills.CLOSED, speed=_CARRY_SPEED))
+        else:
+            moves.append(_move(self.at + _LIFT * _UP, self, skills.CLOSED, speed=_CARRY_SPEED))
+        return Skill(moves=tuple(moves), ik_seed=tuple(self.joints.tolist()))
 
-def skill_of(grasp: End, place: End, by_robot: bool) -> Skill:
-    """Returns the motions that grasp an object, carry it, perhaps past near the robot, and let it go."""
-    lifted = grasp.at + (_RAISED if grasp.entry else _LIFT) * _UP
-    above = place.before if place.entry else place.at + _LIFT * _UP
-    moves = [
-        _move(grasp.before, grasp, skills.OPEN, settle=_REST_STEPS, free=True),
-        _move(grasp.at, grasp, skills.OPEN, speed=_APPROACH_SPEED, settle=_REST_STEPS),
-        _move(grasp.at, grasp, skills.CLOSED, settle=_CLOSE_STEPS),
-        _move(lifted, grasp, skills.CLOSED, speed=_CARRY_SPEED),
-    ]
-    if grasp.entry:
-        lifted = grasp.before
-        moves.append(_move(lifted, grasp, skills.CLOSED, speed=_CARRY_SPEED))
-    if by_robot:
-        height = max(lifted[2], above[2])
-        moves.append(_move(_near(lifted, height), grasp, skills.CLOSED, speed=_CARRY_SPEED))
-        moves.append(_move(_near(above, height), place, skills.CLOSED, speed=_CARRY_SPEED))
-    moves.append(_move(above, place, skills.CLOSED, speed=_CARRY_SPEED, settle=_REST_STEPS))
-    if place.entry:
-        moves.append(_move(place.at + _RAISED * _UP, place, skills.CLOSED, speed=_PLACE_SPEED))
-    moves += [
-        _move(place.at, place, skills.CLOSED, speed=_PLACE_SPEED, settle=_REST_STEPS),
-        _move(place.at, place, skills.OPEN, settle=_OPEN_STEPS),
-        _move(place.at - _LEAVING * np.array(place.hand.approach), place, skills.OPEN, speed=_APPROACH_SPEED),
-    ]
-    if place.entry:
-        moves.append(_move(place.before, place, skills.OPEN, speed=_APPROACH_SPEED))
-    return Skill(moves=tuple(moves), ik_seed=tuple(grasp.joints.tolist()))
+    def placing(self) -> Skill:
+        """Returns the motions that put an object down here, let it go and leave."""
+        away = self.at - _LEAVING * np.array(self.hand.approach)
+        moves = [_move(self.start, self, skills.CLOSED, settle=_REST_STEPS)]
+        if self.has_front:
+            moves.append(_move(self.at + _RAISED * _UP, self, skills.CLOSED, speed=_CARRY_SPEED))
+        moves += [
+            _move(self.at, self, skills.CLOSED, speed=_PLACE_SPEED, settle=_REST_STEPS),
+            _move(self.at, self, skills.OPEN, settle=_OPEN_STEPS),
+            _move(away, self, skills.OPEN, speed=_APPROACH_SPEED),
+        ]
+        if self.has_front:
+            moves.append(_move(self.start, self, skills.OPEN, speed=_APPROACH_SPEED))
+        return Skill(moves=tuple(moves), ik_seed=tuple(self.joints.tolist()))
 
 
 def orientation(azimuth: float, pitch: float) -> HandOrientation:
@@ -323,15 +330,9 @@ class ObjectExpert(Expert):
         thing = min(pending, key=lambda each: self._failures[each.row])
         self._present = thing.row
         self._kitchen.see(observation)
-        motions = self._kitchen.motions(thing, self.encoder.limits, self._failures[thing.row])
-        if not motions:
-            # Others are looked for in the next attempt.
-            return JointTrajectory.stationary(joints, self._fingers)
-        planned, way = motions[0]
-        trajectory = JointTrajectory.stationary(joints, self._fingers)
-        for knot in way:
-            trajectory = trajectory.then(JointTrajectory.stationary(knot, skills.OPEN), self._limits)
-        return trajectory.then(planned, self._limits)
+        motion = self._kitchen.motion(thing, joints, self.encoder.limits, self._failures[thing.row])
+        # Others are looked for in the next attempt.
+        return motion or JointTrajectory.stationary(joints, self._fingers)
 
     @property
     def _fingers(self) -> float:
@@ -362,8 +363,75 @@ class ObjectExpert(Expert):
         return trajectory.then(planned, self._limits)
 
 
-Planned = tuple[JointTrajectory, list[Array]]
-"""A trajectory of a grasp, and joint positions on the way to it."""
+class PlannedEnd(NamedTuple):
+    """A grasp or a place with the motions there.
+
+    Attributes:
+      end: pose of the hand.
+      trajectory: from before it on.
+    """
+
+    end: End
+    trajectory: JointTrajectory
+
+    def distance(self, place: "PlannedEnd") -> float:
+        """Returns the greatest motion of a joint from the end of this one to the start of another one [rad]."""
+        return float(np.abs(self.trajectory.knots[-1] - place.trajectory.knots[0]).max())
+
+
+def _slowed(limits: JointSpeedLimits) -> HandSpeedLimits:
+    """Returns limits of the joints' speeds, and of the hand's, with which objects are carried."""
+    return HandSpeedLimits(
+        joint_speed=tuple((_JOINT_SHARE * np.array(limits.joint_speed)).tolist()),
+        timestep=limits.timestep,
+        kinematics=arm_model().kinematics,
+        linear_speed=_CARRY_SPEED,
+        angular_speed=_TURN_SPEED,
+    )
+
+
+# A tree of joint positions `(7,)`, each with the index of the one before it.
+Tree = list[tuple[Array, int]]
+
+
+def _extend(tree: Tree, sample: Array, free: Callable[[Array, Array], bool]) -> int | None:
+    """Grows a tree by a step towards a sample; returns the index of the new node, None if something is in the way."""
+    nearest = int(np.argmin([np.abs(node - sample).max() for node, _ in tree]))
+    start = tree[nearest][0]
+    distance = float(np.abs(sample - start).max())
+    end = sample if distance <= _STEP else start + (sample - start) * _STEP / distance
+    if not free(start, end):
+        return None
+    tree.append((end, nearest))
+    return len(tree) - 1
+
+
+def _reach(tree: Tree, target: Array, free: Callable[[Array, Array], bool]) -> int | None:
+    """Grows a tree up to a target; returns the index of the node there, None if something is in the way."""
+    while (node := _extend(tree, target, free)) is not None:
+        if np.array_equal(tree[node][0], target):
+            return node
+    return None
+
+
+def _branch(tree: Tree, node: int) -> list[Array]:
+    """Returns the nodes from one to the root of its tree."""
+    found = []
+    while node >= 0:
+        joints, node = tree[node]
+        found.append(joints)
+    return found
+
+
+def _shortened(path: list[Array], free: Callable[[Array, Array], bool], generator: np.random.Generator) -> list[Array]:
+    """Returns a path without the detours that straight motions between its nodes spare."""
+    for _ in range(_SHORTCUTS):
+        if len(path) < 3:
+            break
+        start, end = np.sort(generator.choice(len(path), 2, replace=False)).tolist()
+        if end - start > 1 and free(path[start], path[end]):
+            path = [*path[: start + 1], *path[end:]]
+    return path
 
 
 class _ObjectKitchen:
@@ -415,47 +483,102 @@ class _ObjectKitchen:
             numbers.append(number)
         return numbers
 
-    def motions(self, thing: Thing, limits: JointSpeedLimits, attempt: int) -> list[Planned]:
-        """Returns motions that put an object where it is to be: those first on which the robot touches the least.
+    def motion(self, thing: Thing, start: Array, limits: JointSpeedLimits, attempt: int) -> JointTrajectory | None:
+        """Returns a motion from joint positions `(7,)` that puts an object where it is to be; None if none is found.
 
-        Empty if none is found. Each attempt looks elsewhere.
+        The robot, and what it carries, touch nothing on the way. Each attempt looks elsewhere.
         """
         generator = np.random.default_rng(attempt)
+        number = self._numbers[thing.row]
         # What is held slips where the hand turns as fast as the joints can.
-        speeds = tuple((_JOINT_SHARE * np.array(limits.joint_speed)).tolist())
-        limits = dataclasses.replace(limits, joint_speed=speeds)
-        grasps, places = self._ends_at(thing, generator), self._ends_in(thing, generator)
-        pairs = [(grasp, place) for grasp in grasps for place in places if grasp.pitch == place.pitch]
-        # The arm keeps its posture where it can.
-        pairs.sort(key=lambda pair: float(np.abs(pair[0].joints - pair[1].joints).max()))
-        found: list[tuple[float, Planned]] = []
-        for number, (grasp, place) in enumerate(pairs):
-            if number == _MOST or (found and found[-1][0] == 0):
-                break
-            for by_robot in (False, True):
-                planned = plan(arm_model().kinematics, limits, skill_of(grasp, place, by_robot))
-                beyond = (planned.knots < POSITION_LOW[ARM]) | (planned.knots > POSITION_HIGH[ARM])
-                if not planned.is_reachable or beyond.any():
-                    continue
-                way, count = self._way(planned.knots[0])
-                found.append((count + self._carried(planned, thing), (planned, way)))
-                if found[-1][0] == 0:
-                    break
+        slow = _slowed(limits)
+        grasps = self._planned(number, self._ends_at(thing, generator), slow, is_grasp=True)
+        places = self._planned(number, self._ends_in(thing, generator), slow, is_grasp=False)
+        pairs = [(grasp, place) for grasp in grasps for place in places if grasp.end.pitch == place.end.pitch]
+        pairs.sort(key=lambda pair: pair[0].distance(pair[1]))
+        found: list[JointTrajectory] = []
+        ways: dict[int, list[Array] | None] = {}
         if DEBUG:
-            print(
-                "  ",
-                thing.kind,
-                thing.goal_kind,
-                "grasps",
-                len(grasps),
-                "places",
-                len(places),
-                "pairs",
-                len(pairs),
-                "found",
-                [t for t, _ in found],
-            )
-        return [motion for _, motion in sorted(found, key=lambda each: each[0])][:_FOUND]
+            print("  ", thing.kind, thing.goal_kind, "grasps", len(grasps), "places", len(places), "pairs", len(pairs))
+        for grasp, place in pairs[:_MOST]:
+            first = id(grasp)
+            if first not in ways:
+                ways[first] = self._path(start, grasp.trajectory.knots[0], None, None, generator)
+            way = ways[first]
+            if way is None:
+                continue
+            held = self._held(number, grasp)
+            carry = self._path(grasp.trajectory.knots[-1], place.trajectory.knots[0], number, held, generator)
+            if DEBUG:
+                print("      way", len(way), "carry", carry if carry is None else len(carry))
+            if carry is None:
+                continue
+            motion = JointTrajectory.stationary(start, skills.OPEN)
+            for joints in way:
+                motion = motion.then(JointTrajectory.stationary(joints, skills.OPEN), limits)
+            motion = motion.then(grasp.trajectory, limits)
+            for joints in carry:
+                motion = motion.then(JointTrajectory.stationary(joints, skills.CLOSED), slow)
+            found.append(motion.then(place.trajectory, slow))
+            if len(found) == _FOUND:
+                break
+        if DEBUG:
+            print("    durations", [round(each.duration) for each in found])
+        return min(found, key=lambda each: each.duration, default=None)
+
+    def _path(
+        self, first: Array, last: Array, number: int | None, held: mink.SE3 | None, generator: np.random.Generator
+    ) -> list[Array] | None:
+        """Returns joint positions on a way on which nothing is touched, or None if none is found.
+
+        Two trees grow from both ends towards each other (RRT-Connect, Kuffner and LaValle, 2000); the way is then cut
+        short where it can be.
+        """
+
+        def free(start: Array, end: Array) -> bool:
+            return not self._touches([start, end], number, held, first_only=True)
+
+        if free(first, last):
+            return []
+        trees: list[list[tuple[Array, int]]] = [[(first, -1)], [(last, -1)]]
+        for _ in range(_ITERATIONS):
+            middle = (first + last) / 2
+            sample = np.clip(middle + generator.normal(0.0, 1.0, 7), POSITION_LOW[ARM], POSITION_HIGH[ARM])
+            node = _extend(trees[0], sample, free)
+            if node is not None:
+                target = trees[0][node][0]
+                other = _reach(trees[1], target, free)
+                if other is not None:
+                    here, there = _branch(trees[0], node), _branch(trees[1], other)
+                    path = [*here[::-1], *there]
+                    path = path if np.array_equal(path[0], first) else path[::-1]
+                    return _shortened(path, free, generator)[1:-1]
+            trees.reverse()
+        return None
+
+    def _planned(
+        self, number: int, ends: Sequence[End], limits: JointSpeedLimits, *, is_grasp: bool
+    ) -> list[PlannedEnd]:
+        """Returns those of some ends whose motions the arm can follow, those first on which it touches the least."""
+        found = []
+        for end in ends:
+            trajectory = plan(arm_model().kinematics, limits, end.grasping() if is_grasp else end.placing())
+            beyond = (trajectory.knots < POSITION_LOW[ARM]) | (trajectory.knots > POSITION_HIGH[ARM])
+            if not trajectory.is_reachable or beyond.any():
+                continue
+            closed = np.flatnonzero(trajectory.fingers == skills.CLOSED)
+            knots = list(trajectory.knots)
+            # What is grasped is carried here, and what is let go may be touched by the fingers that leave it.
+            free = knots[: closed[0]] if is_grasp else knots[closed[-1] + 2 :]
+            if not self._touches(free, number, None, first_only=True):
+                found.append(PlannedEnd(end, trajectory))
+        return found
+
+    def _held(self, number: int, grasp: PlannedEnd) -> mink.SE3:
+        """Returns the pose of an object in the hand that grasps it."""
+        column = self._columns[number]
+        pose = np.concatenate([self._qpos[column + 3 : column + 7], self._qpos[column : column + 3]])
+        return grasp.end.pose(grasp.end.at).inverse() @ mink.SE3(wxyz_xyz=pose)
 
     def _ends_at(self, thing: Thing, generator: np.random.Generator) -> list[End]:
         """Returns poses in which the hand grasps an object."""
@@ -468,11 +591,10 @@ class _ObjectKitchen:
             for k in generator.permutation(len(choices)).tolist():
                 azimuth, entry = choices[k]
                 at = thing.base + mink.SO3.from_z_radians(azimuth).apply(local)
-                for end in self._solved(
-                    End(pitch, azimuth, at, entry, np.zeros(7)), thing.base, number, None, generator
-                ):
-                    found.append(end)
-                    count += 1
+                end = End.make(pitch, azimuth, at, entry, at - _FAR * np.array(orientation(azimuth, pitch).approach))
+                solved = self._solved(end, thing.base, number, None, generator)
+                found += solved
+                count += len(solved)
                 if count >= _PER_PITCH:
                     break
         return found
@@ -491,7 +613,8 @@ class _ObjectKitchen:
                 (spot, front), turn, entry = choices[k]
                 azimuth = _azimuth(front if has_front else spot - robot_base()) + turn
                 turned = mink.SO3.from_z_radians(azimuth)
-                end = End(pitch, azimuth, spot + turned.apply(local) + _ABOVE * _UP, entry, np.zeros(7))
+                at = spot + turned.apply(local) + _ABOVE * _UP
+                end = End.make(pitch, azimuth, at, entry, at + _LIFT * _UP)
                 held = end.pose(end.at).inverse() @ mink.SE3.from_rotation_and_translation(turned, spot + _ABOVE * _UP)
                 solved = self._solved(end, spot, number, held, generator)
                 found += solved
@@ -517,12 +640,13 @@ class _ObjectKitchen:
             return []
         seeds = (kitchens.tuck_posture(kitchens.TUCKS[0]), *kitchens.SEEDS)
         for seed in (seeds[k] for k in generator.permutation(len(seeds))[:_SEEDS]):
-            before = kinematics.inverse(end.pose(end.before), start=np.array(kitchens.aimed_posture(seed, towards)))
-            if not self._reaches(before, end.before):
+            aimed = np.array(kitchens.aimed_posture(seed, towards))
+            start = kinematics.inverse(end.pose(end.start), start=aimed)
+            if not self._reaches(start, end.start):
                 continue
-            joints = kinematics.inverse(end.pose(end.at), start=before)
-            if self._reaches(joints, end.at) and not self._touches([before, joints][-1:] * 2, number, held):
-                return [end._replace(joints=joints, seed=seed)]
+            joints = kinematics.inverse(end.pose(end.at), start=start)
+            if self._reaches(joints, end.at) and not self._touches([joints, joints], number, held):
+                return [end._replace(joints=start)]
         return []
 
     def _reaches(self, joints: Array, place: Array) -> bool:
@@ -572,59 +696,24 @@ class _ObjectKitchen:
             return np.array([0.0, 1.0, 0.0])
         return np.array([np.sign(x), 0.0, 0.0])
 
-    def _way(self, end: Array) -> tuple[list[Array], int]:
-        """Returns joint positions on the way from near the robot to a grasp, and where the robot touches something."""
-        towards = arm_model().kinematics.forward(end).translation()
-        found = []
-        for tuck in kitchens.TUCKS:
-            near = np.array(kitchens.aimed_posture(kitchens.tuck_posture(tuck), towards))
-            found.append(([near], self._touches([near, end], None, None)))
-            if not found[-1][1]:
-                break
-        return min(found, key=lambda each: each[1])
-
-    def _carried(self, planned: JointTrajectory, thing: Thing) -> int:
-        """Returns at how many joint positions of a motion the robot, or what it carries, touches something."""
-        number = self._numbers[thing.row]
-        closed = np.flatnonzero(planned.fingers == skills.CLOSED)
-        first, last = int(closed[0]), int(closed[-1])
-        knots = list(planned.knots)
-        kinematics = arm_model().kinematics
-        self._data.qpos[:] = self._qpos
-        grasped = kinematics.forward(knots[first])
-        column = self._columns[number]
-        start = mink.SE3(
-            wxyz_xyz=np.concatenate([self._qpos[column + 3 : column + 7], self._qpos[column : column + 3]])
-        )
-        relative = grasped.inverse() @ start
-        lifted = next(k for k in range(first, last + 1) if np.abs(knots[k] - knots[first]).max() > 0.03)
-        before = self._touches(knots[: first + 1], number, None)
-        w = [self._what]
-        during = self._touches(knots[lifted : last + 1], number, relative)
-        w.append(self._what)
-        self._final = number, kinematics.forward(knots[last]) @ relative
-        after = self._touches(knots[last:], number, None, leave=True)
-        w.append(self._what)
-        self._detail = (before, during, after, w)
-        return before + during + after
-
-    def _touches(self, knots: list[Array], number: int | None, held: mink.SE3 | None, *, leave: bool = False) -> int:
+    def _touches(
+        self, knots: list[Array], number: int | None, held: mink.SE3 | None, *, first_only: bool = False
+    ) -> int:
         """Returns at how many joint positions, `(7,)` and between them, the robot touches something.
+
+        What is carried counts as touching where it tilts too far.
 
         Args:
           knots: joint positions [rad].
           number: of the object that the fingers may touch; None for none.
           held: its pose in the hand, if it is carried.
-          leave: whether it is where it was let go.
+          first_only: whether to stop at the first touch.
         """
         model, data = self._physics.model.ptr, self._data
         data.qpos[:] = self._qpos
         kinematics = arm_model().kinematics
         own = self._geoms[number] if number is not None else np.zeros_like(self._robot)
-        if leave:
-            self._set(self._columns[self._final[0]], self._final[1])
         touches = 0
-        self._what = None
         for start, end in itertools.pairwise(knots):
             count = max(1, int(np.ceil(np.abs(end - start).max() / _CHECKED)))
             for share in np.arange(1, count + 1) / count:
@@ -632,7 +721,12 @@ class _ObjectKitchen:
                 data.qpos[:7] = joints
                 data.qpos[7:9] = 0.03
                 if held is not None and number is not None:
-                    self._set(self._columns[number], kinematics.forward(joints) @ held)
+                    pose = kinematics.forward(joints) @ held
+                    if pose.rotation().as_matrix()[2, 2] < _LEAST_UPRIGHT:
+                        touches += 1
+                        if first_only:
+                            return touches
+                    self._set(self._columns[number], pose)
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
                 mujoco.mj_collision(model, data)
@@ -645,14 +739,9 @@ class _ObjectKitchen:
                 fingers = self._hand[pairs].any(axis=1) & own[pairs].any(axis=1)
                 keeps_off = (self._robot & ~self._fingers)[pairs].any(axis=1) & ~own[pairs].any(axis=1)
                 near = distances < np.where(keeps_off, _MARGIN, 0.0)
-                bad = (apart & near & ~fingers) | itself
-                touches += bool(bad.any())
-                if DEBUG and bad.any():
-                    g1, g2 = pairs[np.flatnonzero(bad)[0]]
-                    self._what = (
-                        self._physics.model.id2name(int(g1), "geom"),
-                        self._physics.model.id2name(int(g2), "geom"),
-                    )
+                touches += bool(((apart & near & ~fingers) | itself).any())
+                if touches and first_only:
+                    return touches
         return touches
 
     def _set(self, column: int, pose: mink.SE3) -> None:
