@@ -210,9 +210,8 @@ class PickAndPlaceTask(SuiteTask):
     def _open_places(self, request: Any) -> set[int]:
         """Returns the places that stand open at the start."""
         asked = request.order >= 0
-        closed = {int(goal) for goal, is_closed in zip(request.goal, request.closed, strict=True) if is_closed}
-        others = {int(goal) for goal in request.goal[asked & ~request.closed]}
-        return (others | {int(origin) for origin in request.origin[asked] if origin >= 0}) - (closed - others)
+        goals = {int(goal) for goal in request.goal[asked & ~request.closed]}
+        return goals | {int(origin) for origin in request.origin[asked] if origin >= 0}
 
     def _start(self, number: int, request: Any) -> tuple[Array, float]:
         """Returns the position of an object at the start, and its yaw, without noise [m, rad]."""
