@@ -240,8 +240,8 @@ def test_a_task_is_done_once_its_object_rests_in_its_place(task, parts, place):
     number = NAMES.index(task.split()[1])
     where = support(environment, place)
     if place in (CABINET, "drawers_1/worktop"):
-        where = where + (0.0, -0.1, 0.0)
-    put(environment, number, where + (0.0, 0.0, 0.002))
+        where[1] -= 0.1
+    put(environment, number, where)
     timestep = rest(environment)
     assert (timestep.reward, timestep.discount) == (1.0, 0.0)
     assert environment.task.episode_metrics == {
@@ -392,8 +392,8 @@ def played_stages(environment):
     state, reading = task.state, in_tray(environment)
     home, tray = state.poses[0].copy(), reading.poses[0]
     grasp = state.items.grasp[0]
-    above = home[:3] + (0.0, 0.0, 0.15)
-    over = tray[:3] + (0.0, 0.0, 0.15)
+    above = np.add(home[:3], (0.0, 0.0, 0.15))
+    over = np.add(tray[:3], (0.0, 0.0, 0.15))
     stages = {
         "reach": (home[:3], grasp, OPEN_FINGERS),
         "grasp": (home[:3], grasp, CLOSED_FINGERS),
@@ -450,7 +450,7 @@ def test_an_object_that_is_let_fall_costs_in_dense_alone():
         environment = load(reward=reward, **NO_NOISE)
         start(environment, "put_on can tray")
         home = environment.task.state.poses[0, :3].copy()
-        put(environment, 0, home + (0.0, 0.0, 0.12))
+        put(environment, 0, np.add(home, (0.0, 0.0, 0.12)))
         lifted = environment.step(np.zeros(9)).reward
         put(environment, 0, home)
         sums[reward] = environment.step(np.zeros(9)).reward - lifted
