@@ -57,7 +57,7 @@ def stepped(front_end, action, domain="kitchen"):
 @pytest.mark.full
 @pytest.mark.parametrize("front_end", FRONT_ENDS)
 @pytest.mark.parametrize("kind", SAME)
-@pytest.mark.parametrize(("domain", "size"), [("kitchen", 9), ("open_cabinet", 8), ("kitchens", 9)])
+@pytest.mark.parametrize(("domain", "size"), [("kitchen", 9), ("open_cabinet", 8), ("pick_and_place", 9)])
 def test_actions_of_another_class_mean_what_plain_ones_do(domain, size, kind, front_end):
     plain = 0.1 * actions((COUNT, size) if front_end == "vectorised" else (size,))
     observation = stepped(front_end, SAME[kind](plain), domain)

@@ -57,7 +57,10 @@ class EnvironmentContract(test_utils.EnvironmentTestMixin):
 
 
 # Tasks of a domain differ in their goals alone: what these do not decide is tested with one of each domain.
-EXAMPLES = [("kitchen", "all"), ("open_cabinet", "bottom_drawer"), ("microwave_table", "open"), ("kitchens", "any")]
+EXAMPLES = [
+    *(("kitchen", "all"), ("open_cabinet", "bottom_drawer"), ("microwave_table", "open"), ("kitchens", "any")),
+    ("pick_and_place", "any"),
+]
 a_task_of_each_domain = pytest.mark.parametrize(("domain", "task"), EXAMPLES)
 every_task = pytest.mark.parametrize(
     ("domain", "task"),

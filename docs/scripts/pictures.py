@@ -2,6 +2,7 @@
 
 python docs/scripts/pictures.py            all domains from every camera, and varied scenes; needs a GL library
 python docs/scripts/pictures.py kitchens   generated kitchens alone
+python docs/scripts/pictures.py objects    generated kitchens with objects alone
 python docs/scripts/pictures.py grammar    what generated kitchens are drawn from; needs the extra `docs` as well
 python docs/scripts/pictures.py controls   plots and frames of the control modes; needs the extra `docs` as well
 """
@@ -50,6 +51,7 @@ def write_pictures() -> None:
     write_cabinet_picture()
     write_microwave_picture()
     write_kitchens_sheet()
+    write_objects_sheet()
     write_camera_sheets()
     write_goal_sheet()
     write_variation_sheets()
@@ -103,13 +105,23 @@ def write_microwave_picture() -> None:
 
 def write_kitchens_sheet() -> None:
     """Renders the first 64 generated kitchens of the split `train`, in rows of eight, at the start of an episode."""
+    save_kitchens("kitchens", 64, columns=8, camera="overview", width=200)
+
+
+def write_objects_sheet() -> None:
+    """Renders the first 20 generated kitchens with objects, from nearer than those without: objects are small."""
+    save_kitchens("pick_and_place", 20, columns=5, camera="workspace", width=320)
+
+
+def save_kitchens(domain: str, count: int, *, columns: int, camera: str, width: int) -> None:
+    """Writes pictures of the first generated kitchens of a domain, of a width [pixels], in rows."""
     pictures = []
-    for design in range(64):
-        environment = suite.load("kitchens", "any", {"random": 0, "design": design})
+    for design in range(count):
+        environment = suite.load(domain, "any", {"random": 0, "design": design})
         environment.reset()
-        pictures.append(smooth_picture(environment.physics, "overview", 150, 200))
-    sheet = np.vstack([np.hstack(pictures[i : i + 8]) for i in range(0, len(pictures), 8)])
-    Image.fromarray(sheet).save(PICTURES / "kitchens.webp", quality=80)
+        pictures.append(smooth_picture(environment.physics, camera, 3 * width // 4, width))
+    sheet = np.vstack([np.hstack(pictures[i : i + columns]) for i in range(0, len(pictures), columns)])
+    Image.fromarray(sheet).save(PICTURES / f"{domain}.webp", quality=80)
 
 
 def write_kitchen_pictures() -> None:
@@ -408,6 +420,7 @@ if __name__ == "__main__":
     made = {
         "all": write_pictures,
         "kitchens": write_kitchens_sheet,
+        "objects": write_objects_sheet,
         "grammar": write_grammar_diagram,
         "controls": write_control_pictures,
     }

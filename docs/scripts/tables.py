@@ -35,6 +35,9 @@ from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.fixture_designs import KINDS, FixtureDesign
 from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.entities.kitchen_styles import STYLES
+from kitchen_suite.entities.object_layouts import MAX_OBJECTS, MAX_PLACES, OBJECT_KINDS
+from kitchen_suite.entities.objects import OBJECTS
+from kitchen_suite.entities.places import PLACE_KINDS
 from kitchen_suite.entities.props import BURNERS
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
@@ -49,6 +52,7 @@ from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
 from kitchen_suite.tasks.open_cabinet import rewards as drawer_reward
 from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS as DRAWER_INSTRUCTIONS
+from kitchen_suite.tasks.pick_and_place import mdp as objects
 from kitchen_suite.tasks.variations import appearance, distributions
 from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, Choice, Distribution
 from kitchen_suite.training.recipes import ranges
@@ -301,6 +305,46 @@ _SLOT_CONTENT = {
 }
 
 
+# What the parts of the observation of kitchens with objects, and of its objects and places, hold.
+_OBJECTS_CONTENT = {
+    **_KITCHENS_CONTENT,
+    "objects": f"{MAX_OBJECTS} slots of {objects.OBJECT_SIZE} numbers",
+    "places": f"{MAX_PLACES} slots of {objects.PLACE_SIZE} numbers",
+    "slots": f"{_KITCHENS_CONTENT['slots']}, of parts that open, as in generated kitchens",
+}
+_OBJECT_CONTENT = {
+    "kind": f"1 for its kind, 0 for the others: {', '.join(OBJECT_KINDS)}",
+    "position": "of the middle of its box [m], ±2 mm",
+    "offset": "from the hand to it [m], with the same noise",
+    "x_axis": "direction of its x axis, in which the handle of a mug and the long side of a carton point",
+    "z_axis": "direction of its z axis, up where it stands",
+    "half_size": "of its box, along its own axes [m]",
+    "requested": "whether the episode asks for it, 0 or 1",
+    "goal_kind": f"of the place where it is to be, 0 without one: {', '.join(PLACE_KINDS)}",
+    "goal_position": "middle of this place's support [m], which moves with a drawer",
+    "goal_half_size": "of this place, along the world's axes [m]",
+}
+_PLACE_CONTENT = {
+    "kind": f"1 for its kind, 0 for the others: {', '.join(PLACE_KINDS)}",
+    "position": "middle of its support [m], which moves with a drawer",
+    "half_size": "along the world's axes [m]",
+}
+
+
+def object_table() -> str:
+    """Returns the table of the objects that stand in kitchens: size, mass, and what the hand grasps."""
+    rows = []
+    for name, kind in OBJECTS.items():
+        made = kind(visuals=False)
+        physics = mjcf.Physics.from_mjcf_model(made.mjcf_model)
+        size = " x ".join(f"{1e3 * length:.0f}" for length in np.subtract(*made.bounds[::-1]))
+        rows.append((f"`{name}`", size, f"{1e3 * float(physics.bind(made.body).mass):.0f}", _GRASPED[name]))
+    return markdown(("object", "box around it [mm]", "mass [g]", "grasped, from above"), rows)
+
+
+_GRASPED = {"can": "around it", "carton": "across its 35 mm", "mug": "by its handle", "bottle": "by its neck"}
+
+
 def part_table(parts: Mapping[str, slice], contents: Mapping[str, str]) -> str:
     """Returns the table of the parts of an observation."""
     rows = [(span(part.start, part.stop - 1), f"`{name}`", contents[name]) for name, part in parts.items()]
@@ -376,7 +420,7 @@ def cabinet_observation_table() -> str:
 
 # What each camera is for; those of the robot are the same in all domains.
 _PURPOSES = {
-    "workspace": "knobs, switch, doors, kettle and burners in small images; default of the kitchen and of kitchens",
+    "workspace": "knobs, switch, doors, kettle and burners in small images; default of all kitchens",
     "overview": "robot and furniture; default of open_cabinet and microwave_table; the kitchen's is the original's",
     "handle": "close-up of the handles and the gripper",
     "left": "from the left",
@@ -408,13 +452,18 @@ def describe(space: spaces.Space) -> str:
 
 
 def extra_table() -> str:
-    """Returns the table of the extra observables; those of the same domains and content share a row."""
+    """Returns the table of the extra observables; those of the same domains and content share a row.
+
+    Those of what a generated kitchen happens to have are left out.
+    """
     found = collections.defaultdict(list)
     for name in suite.DOMAINS:
         scene = suite.load(name, suite.default_task(name), {"visuals": False}).task.scene
-        fixtures = {each.name for each in scene.design.placed} if isinstance(scene, entities.GeneratedKitchen) else ()
+        of_kitchen = {each.name for each in scene.design.placed} if isinstance(scene, entities.GeneratedKitchen) else ()
+        if isinstance(scene, entities.PickAndPlaceKitchen):
+            of_kitchen = {*of_kitchen, *scene.layout.names}
         for key, extra in offered(scene).items():
-            if key.partition("/")[0] in fixtures:
+            if key.partition("/")[0] in of_kitchen:
                 continue
             part = "`agent_pos`" if extra.of_robot else "`environment_state`"
             found[part, key, extra.size, extra.content].append(name)
@@ -814,14 +863,16 @@ def example(name: str, marks: str = "") -> str:
     return f"```python{marks}\n{(DOCS / 'examples' / f'{name}.py').read_text(encoding='utf-8')}```\n"
 
 
+_GENERATED = ("kitchens", "pick_and_place")
+
 TABLES: dict[str, Callable[[], str]] = {
     "arguments": argument_table,
     **{f"{domain}_arguments": functools.partial(argument_table, domain) for domain in suite.DOMAINS},
     "kitchen_sets": set_table,
     "goals": goal_table,
-    # The tasks of generated kitchens are shown on their own page.
+    # The tasks of generated kitchens are shown on their own pages.
     "gallery": lambda: "\n".join(
-        f"## {domain}\n\n{gallery(domain)}" for domain in suite.DOMAINS if domain != "kitchens"
+        f"## {domain}\n\n{gallery(domain)}" for domain in suite.DOMAINS if domain not in _GENERATED
     ),
     "ids": id_table,
     "observation": observation_table,
@@ -848,6 +899,11 @@ TABLES: dict[str, Callable[[], str]] = {
     "kitchens_tasks": functools.partial(task_table, "kitchens"),
     "kitchens_observation": functools.partial(part_table, kitchens.SLICES, _KITCHENS_CONTENT),
     "kitchens_slots": functools.partial(part_table, slots.SLOT_SLICES, _SLOT_CONTENT),
+    "objects": object_table,
+    "pick_and_place_tasks": functools.partial(task_table, "pick_and_place"),
+    "pick_and_place_observation": functools.partial(part_table, objects.SLICES, _OBJECTS_CONTENT),
+    "pick_and_place_objects": functools.partial(part_table, objects.OBJECT_SLICES, _OBJECT_CONTENT),
+    "pick_and_place_places": functools.partial(part_table, objects.PLACE_SLICES, _PLACE_CONTENT),
     "open_cabinet_tasks": functools.partial(task_table, "open_cabinet"),
     "variations": functools.partial(parameter_table, GROUPS[:4]),
     "variations_of_looks": functools.partial(parameter_table, GROUPS[4:]),

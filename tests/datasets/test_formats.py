@@ -140,6 +140,7 @@ MODELS = {
     "cabinet": [*VARIED, "--domain_name=open_cabinet"],
     "pictures": [*SHORT, *PICTURES],
     "kitchens": ["--policy=random", "--max_episode_steps=5", "--domain_name=kitchens"],
+    "pick_and_place": ["--policy=random", "--max_episode_steps=5", "--domain_name=pick_and_place"],
 }
 
 

@@ -124,6 +124,7 @@ ROLLOUTS = {
         '--task_kwargs={"action_limit": 0.3, "observation_noise": {"drawer_position": 0.01}, "reward": "grasp"}',
     ],
     "kitchens": ["--domain_name=kitchens", "--task_name=any_2", "--policy=random", "--max_episode_steps=6"],
+    "objects": ["--domain_name=pick_and_place", "--task_name=any_2", "--policy=random", "--max_episode_steps=6"],
 }
 
 

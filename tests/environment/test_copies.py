@@ -100,7 +100,7 @@ def test_options_are_copied(domain, name):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("domain", ["kitchen", "kitchens"])
+@pytest.mark.parametrize("domain", ["kitchen", "kitchens", "pick_and_place"])
 def test_the_fast_physics_is_copied(domain):
     environment = load(domain, physics="fast")
     environment.reset()

@@ -15,6 +15,7 @@ CASES = {
     "kitchen, fast": ("kitchen", {"physics": "fast"}),
     "kitchen, asleep": ("kitchen", {"sleep": True}),
     "kitchens, fast": ("kitchens", {"physics": "fast"}),
+    "pick_and_place, fast": ("pick_and_place", {"physics": "fast"}),
     "microwave_table, fast": ("microwave_table", {"physics": "fast", "control_mode": "joint_position"}),
 }
 

@@ -73,6 +73,9 @@ OTHERS = [
     ("kitchens", {"object_noise_ratio": 0.0102}, "object_noise_ratio"),
     ("kitchens", {"tasks_per_episode": 2}, "tasks_per_episode"),
     ("kitchens", {"design": 1}, "design"),
+    ("pick_and_place", {"object_noise_ratio": 0.0102}, "object_noise_ratio"),
+    ("pick_and_place", {"tasks_per_episode": 2}, "tasks_per_episode"),
+    ("pick_and_place", {"design": 7}, "design"),
 ]
 
 
@@ -192,7 +195,7 @@ print(json.dumps([environment.get_state()["digests"] for environment in built]))
 
 @pytest.mark.full
 def test_digests_are_the_same_in_every_process():
-    names = ["kitchen", "open_cabinet", "microwave_table", "kitchens"]
+    names = [*DOMAINS]
     found = []
     for seed in ("1", "2"):
         environ = {**os.environ, "PYTHONHASHSEED": seed}

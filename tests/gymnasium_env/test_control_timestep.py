@@ -18,6 +18,7 @@ from kitchen_suite import policies, suite
 STEPS = {
     "kitchen": (0.002, 0.08, 0.04),
     "kitchens": (0.08 / 6, 0.08, 0.04),
+    "pick_and_place": (0.008, 0.08, 0.04),
     "open_cabinet": (0.005, 0.01, 0.025),
     "microwave_table": (0.005, 0.01, 0.025),
 }
@@ -75,7 +76,7 @@ def test_limits_are_of_as_many_steps_or_of_the_seconds_that_are_given(domain):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("domain", ["kitchen", "kitchens"])
+@pytest.mark.parametrize("domain", ["kitchen", "kitchens", "pick_and_place"])
 def test_targets_of_velocities_follow(domain):
     env = make(domain, feedback="true").unwrapped
     env.reset(seed=0)

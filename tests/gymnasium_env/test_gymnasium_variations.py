@@ -24,6 +24,7 @@ EXAMPLES = {
     "open_cabinet": ["cabinet/door_left", "cabinet/yaw", "franka/pad_friction", "sensing/action_delay"],
     "microwave_table": ["microwave/door", "microwave/yaw", "franka/gain_scale", "sensing/action_delay"],
     "kitchens": ["franka/joint_offset", "franka/damping_scale", "fixtures/damping_scale", "sensing/action_delay"],
+    "pick_and_place": ["objects/displacement", "objects/mass_scale", "franka/damping_scale", "sensing/action_delay"],
 }
 STEPS = 4
 # In the layouts held out of the kitchen, two draws of the last one are refused.
@@ -168,6 +169,7 @@ def assert_given_back(domain, split, seeds):
         ("open_cabinet", "seen", (0, 1)),
         ("microwave_table", "held_out", (0, 1)),
         ("kitchens", "seen", (0,)),
+        ("pick_and_place", "held_out", (0,)),
     ],
 )
 def test_values_given_back_repeat_the_episode_to_the_bit(domain, split, seeds):

@@ -15,6 +15,7 @@ from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.gymnasium_env.generated_kitchens import GeneratedKitchenEnv
 from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
+from kitchen_suite.gymnasium_env.pick_and_place import PickAndPlaceEnv
 
 pytestmark = pytest.mark.full
 
@@ -23,6 +24,7 @@ CLASSES = {
     "open_cabinet": FrankaOpenCabinetEnv,
     "microwave_table": FrankaMicrowaveTableEnv,
     "kitchens": GeneratedKitchenEnv,
+    "pick_and_place": PickAndPlaceEnv,
 }
 # Elements of the robot, of the flat observation, and their bound.
 SIZES = {
@@ -30,6 +32,7 @@ SIZES = {
     "open_cabinet": (16, 25, 5.0),
     "microwave_table": (18, 23, np.inf),
     "kitchens": (18, 363, np.inf),
+    "pick_and_place": (18, 619, np.inf),
 }
 # A prop with handles, and the number of their coordinates.
 HANDLES = {
@@ -37,6 +40,7 @@ HANDLES = {
     "open_cabinet": ("cabinet", 12),
     "microwave_table": ("microwave", 3),
     "kitchens": ("oven_1", 12),
+    "pick_and_place": ("can", 6),
 }
 PIXELS = {"image_size": (24, 32), "render_quality": "fast"}
 EXTRAS = ("franka/gripper_width", "franka/end_effector_pose", "franka/end_effector_velocity")
@@ -173,7 +177,7 @@ def test_extra_observables_do_not_vanish_without_a_word(obs_type, lost):
         FrankaKitchenEnv(obs_type=obs_type, extra_observables=["kettle/pose", "franka/gripper_width"])
 
 
-@pytest.mark.parametrize("domain", ["open_cabinet", "microwave_table", "kitchens"])
+@pytest.mark.parametrize("domain", ["open_cabinet", "microwave_table", "kitchens", "pick_and_place"])
 def test_domains_without_goals_refuse_the_goal_dictionary(domain):
     with refused(ValueError, "obs_type", "'goal'"):
         CLASSES[domain](obs_type="goal")

@@ -39,7 +39,7 @@ def play(folder, run, monkeypatch):
     numbers = itertools.count()
 
     def play(command, domain, *, status=0, obs_type=None, policy=None, task_kwargs=None):
-        size = 9 if domain in ("kitchen", "kitchens") else 8
+        size = 8 if domain in ("open_cabinet", "microwave_table") else 9
         act = Policy(size) if policy is None else policy
         monkeypatch.setitem(sys.modules, "module_of_a_user", types.SimpleNamespace(act=act))
         kwargs = {} if obs_type is None else {"obs_type": obs_type}

@@ -8,7 +8,10 @@ from helpers.sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy, Teleoperation
 
-TASKS = {"kitchen": "kettle", "microwave_table": "open", "open_cabinet": "top_drawer", "kitchens": "open"}
+TASKS = {
+    **{"kitchen": "kettle", "microwave_table": "open", "open_cabinet": "top_drawer", "kitchens": "open"},
+    "pick_and_place": "put_on",
+}
 MODES = [(domain, mode) for domain in TASKS for mode in suite.DOMAINS[domain].resolve("expert").control_modes]
 QUICK = [("kitchen", "joint_velocity"), ("microwave_table", "ee_pose"), ("open_cabinet", "joint_offset")]
 

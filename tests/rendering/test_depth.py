@@ -16,7 +16,7 @@ from kitchen_suite.rendering import cameras
 pytestmark = pytest.mark.rendering
 
 HEIGHT, WIDTH = 48, 64
-DOMAINS = ("kitchen", "open_cabinet", "microwave_table", "kitchens")
+DOMAINS = ("kitchen", "open_cabinet", "microwave_table", "kitchens", "pick_and_place")
 
 # Cylinders, capsules, spheres and ellipsoids are drawn with facets, up to some millimetres within the shape.
 WITH_FLAT_FACES = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_MESH)

@@ -10,7 +10,7 @@ from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID
 from kitchen_suite.rendering import quality as light_meshes
 
-TASKS = {"kitchen": "kettle", "open_cabinet": "top_drawer", "kitchens": "open"}
+TASKS = {"kitchen": "kettle", "open_cabinet": "top_drawer", "kitchens": "open", "pick_and_place": "put_in"}
 SMALL = {"width": 96, "height": 64, "render_mode": "rgb_array", "camera_name": "overview"}
 
 

@@ -10,7 +10,10 @@ from helpers.sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.tasks.episode.extra_observables import offered
 
-TASKS = {"kitchen": "kettle", "open_cabinet": "top_drawer", "microwave_table": "open", "kitchens": "open"}
+TASKS = {
+    **{"kitchen": "kettle", "open_cabinet": "top_drawer", "microwave_table": "open", "kitchens": "open"},
+    "pick_and_place": "put_in",
+}
 SIZE = {"image_size": (20, 28), "render_quality": "fast"}
 
 

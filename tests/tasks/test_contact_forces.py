@@ -19,6 +19,7 @@ CASES = {
     "kitchen, asleep": ("kitchen", {"control_mode": "joint_delta", "sleep": True}),
     "kitchens": ("kitchens", {"control_mode": "joint_delta", "physics": "exact"}),
     "kitchens, fast": ("kitchens", {"control_mode": "joint_delta", **FAST}),
+    "pick_and_place, fast": ("pick_and_place", {"control_mode": "joint_delta", **FAST}),
     "open_cabinet": ("open_cabinet", {"control_mode": "joint_delta"}),
     "microwave_table": ("microwave_table", {"control_mode": "joint_position"}),
     "microwave_table, fast": ("microwave_table", {"control_mode": "joint_position", **FAST}),

@@ -29,6 +29,7 @@ from kitchen_suite.vector_env.base import SuiteVectorEnv
 DOMAINS = {
     "kitchen": (entities.build_kitchen_scene, tasks.KitchenTask, (-0.65, -0.35, 1.66)),
     "kitchens": (entities.build_generated_kitchen, tasks.GeneratedKitchenTask, (0.3, 0.4, 1.9)),
+    "pick_and_place": (entities.build_pick_and_place, tasks.PickAndPlaceTask, (0.3, 0.4, 1.9)),
     "microwave_table": (entities.build_microwave_table_scene, tasks.MicrowaveTableTask, (0.4, 0.3, 0.9)),
     "open_cabinet": (entities.build_open_cabinet_scene, tasks.OpenCabinetTask, (0.4, 0.3, 0.4)),
 }

@@ -134,7 +134,7 @@ def test_an_episode_that_continues_from_a_state_has_not_ended_by_what_the_one_be
     assert environment.step(np.zeros(size)).mid()
 
 
-@pytest.mark.parametrize("domain", ["open_cabinet", "kitchens", "kitchen", "microwave_table"])
+@pytest.mark.parametrize("domain", ["open_cabinet", "kitchens", "pick_and_place", "kitchen", "microwave_table"])
 def test_a_copy_shows_success_as_the_original_does(domain):
     environment = suite.load(domain, suite.default_task(domain), {"random": 0}, visualize_reward=True)
     environment.reset()

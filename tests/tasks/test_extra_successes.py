@@ -21,6 +21,7 @@ from kitchen_suite.training.recipes import find_schedule
 DOMAINS = {
     "kitchen": (entities.build_kitchen_scene, tasks.KitchenTask),
     "kitchens": (entities.build_generated_kitchen, tasks.GeneratedKitchenTask),
+    "pick_and_place": (entities.build_pick_and_place, tasks.PickAndPlaceTask),
     "microwave_table": (entities.build_microwave_table_scene, tasks.MicrowaveTableTask),
     "open_cabinet": (entities.build_open_cabinet_scene, tasks.OpenCabinetTask),
 }

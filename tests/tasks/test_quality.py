@@ -41,8 +41,8 @@ TYPES = {
     "path_length": np.float64,
     "log_dimensionless_jerk": np.float64,
 }
-DOMAINS = ("kitchen", "kitchens", "open_cabinet", "microwave_table")
-FAST = ("kitchen", "kitchens", "microwave_table")
+DOMAINS = ("kitchen", "kitchens", "pick_and_place", "open_cabinet", "microwave_table")
+FAST = ("kitchen", "kitchens", "pick_and_place", "microwave_table")
 CASES = [*((domain, "exact") for domain in DOMAINS), *((domain, "fast") for domain in FAST)]
 
 

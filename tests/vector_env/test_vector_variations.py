@@ -8,6 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from helpers.comparisons import assert_same
 from helpers.errors import refused
+from helpers.sweeps import groups_of
 from helpers.vectors import batch
 
 from kitchen_suite import suite
@@ -22,7 +23,8 @@ SETTINGS = {
     "kitchen": {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [-0.5]}},
     "open_cabinet": {"observation_noise": {"handle_offset": 0.01}},
     "microwave_table": {},
-    "kitchens": {"variations": ["start", "dynamics", "sensing", "camera", "push"]},
+    "kitchens": {"variations": groups_of("kitchens")},
+    "pick_and_place": {"variations": groups_of("pick_and_place")},
 }
 # A parameter of the start, and one of the model, in every domain.
 EXAMPLES = {
@@ -30,6 +32,7 @@ EXAMPLES = {
     "open_cabinet": ("cabinet/door_left", "franka/pad_friction"),
     "microwave_table": ("microwave/door", "franka/gain_scale"),
     "kitchens": ("franka/joint_offset", "franka/gain_scale"),
+    "pick_and_place": ("objects/displacement", "objects/mass_scale"),
 }
 
 each_domain = pytest.mark.parametrize("domain", suite.DOMAINS)
@@ -103,6 +106,7 @@ def assert_equal_for_long(ours, theirs, steps=STEPS):
         ("open_cabinet", "Disabled", "seen", 2),
         ("microwave_table", "SameStep", "held_out", 1),
         ("kitchens", "Disabled", "seen", 2),
+        ("pick_and_place", "Disabled", "seen", 2),
     ],
 )
 def test_environments_are_gymnasiums_vector_of_single_ones(domain, mode, split, num_threads):
@@ -315,7 +319,7 @@ def assert_pictures(domain, **settings):
     pictures = [one.reset(seed=6)[0]]
     np.testing.assert_array_equal(seen[1], pictures[0])
     # Different walls, lights and cameras; of generated kitchens the cameras alone.
-    least = 1 if domain == "kitchens" else 5
+    least = 1 if domain in ("kitchens", "pick_and_place") else 5
     assert np.abs(seen[0].astype(int) - seen[1]).mean() > least
     for step in range(4):
         actions = actions_of(ours, step)

@@ -23,7 +23,7 @@ tracking = load_script("experiments/tracking")
 load = tracking.load
 
 DOMAINS = tuple(suite.DOMAINS)
-ROBOTS = {"kitchen": KITCHEN_FRANKA, "open_cabinet": PANDA, "microwave_table": PANDA, "kitchens": KITCHEN_FRANKA}
+ROBOTS = {domain: PANDA if domain in ("open_cabinet", "microwave_table") else KITCHEN_FRANKA for domain in DOMAINS}
 
 
 # Cases of every kind of mode.

@@ -5,11 +5,12 @@ import functools
 
 import numpy as np
 import pytest
+from helpers.sweeps import groups_of
 
 from kitchen_suite import suite
 from kitchen_suite.entities import build_kitchen_scene, build_microwave_table_scene, build_open_cabinet_scene
 from kitchen_suite.rendering.cameras import camera_names
-from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
+from kitchen_suite.tasks.variations.distributions import SPLITS
 
 SCENES = {
     "kitchen": build_kitchen_scene,
@@ -120,9 +121,9 @@ def test_held_out_views_show_something_else_in_full_light(domain):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("domain", ["kitchen", "open_cabinet", "microwave_table", "kitchens"])
+@pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_defaults_are_the_same_numbers_with_and_without_visuals(domain):
-    groups = [group for group in GROUPS if domain != "kitchens" or group not in ("layout", "appearance")]
+    groups = groups_of(domain)
     seen, unseen = (
         suite.load(domain, suite.default_task(domain), {"visuals": visuals, "variations": groups, "random": 0}).task
         for visuals in (True, False)

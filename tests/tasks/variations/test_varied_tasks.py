@@ -71,6 +71,10 @@ def test_each_group_varies_what_it_names(domain):
         ("open_cabinet", {"cabinet/drawer_top_friction": 3.0, "franka/pad_friction": 1.5, "cabinet/offset": [0.0] * 3}),
         ("microwave_table", {"microwave/yaw": -np.pi / 2, "franka/gain_scale": 1.0, "camera/overview_fovy": 40.0}),
         ("kitchens", {"franka/joint_offset": [0.0] * 7, "franka/gain_scale": 1.0, "sensing/action_delay": 0.0}),
+        (
+            "pick_and_place",
+            {"objects/displacement": [0.0] * 15, "objects/mass_scale": 1.0, "objects/friction_scale": 1.0},
+        ),
     ],
 )
 def test_default_values_are_read_from_the_model_and_within_the_ranges(domain, expected):
