@@ -1060,7 +1060,8 @@ def test_an_edit_of_the_compiled_model_acts_in_single_and_vectorised_environment
         if edit == "opt.gravity":
             model.opt.gravity[:] = (1.0, 0.5, -3.0)
         else:
-            getattr(model, edit)[:] *= 0.5
+            # Light objects without their inertias and contacts made anew would jump in fast physics.
+            getattr(model, edit)[:] *= 1.5
 
     env_id = suite.DOMAINS[domain].env_id
     env, envs = gymnasium.make(env_id), gymnasium.make_vec(env_id, 2, num_threads=1)
