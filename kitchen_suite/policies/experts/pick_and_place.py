@@ -1,7 +1,6 @@
 """The expert of objects in generated kitchens: it opens what is closed, grasps an object, carries it and lets it go."""
 
 import collections
-import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Sequence
@@ -48,9 +47,10 @@ _LEAST_BEFORE = 0.33  # Least distance from the robot's axis at which the hand t
 _FAR, _LIFT = 0.1, 0.1  # Distances before a grasp and above it [m].
 _ENTRIES = (0.3, 0.2, 0.4)  # Distances from which the hand moves straight into a place with a front [m].
 _ABOVE = 0.006  # Height above its support at which an object is let go [m].
-_CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.18, 0.1, 0.25  # Speeds of the hand [m/s].
+_CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.15, 0.1, 0.25  # Speeds of the hand [m/s].
 _JOINT_SHARE = 0.5  # Share of the joints' greatest speeds with which objects are carried.
 _TURN_SPEED = 1.2  # Speed with which the hand turns what it carries [rad/s].
+_FEW = 3  # Number of joint positions at which the robot may brush against something where it cannot do without.
 _LEAST_UPRIGHT = 0.6  # Least cosine of the tilt of what is carried.
 _STEP = 0.3  # Greatest motion of a joint in a step of a tree [rad].
 _ITERATIONS, _SHORTCUTS = 150, 60  # Numbers of samples by which trees grow, and of shortcuts that are tried.
@@ -74,10 +74,12 @@ _PER_PITCH = 4  # Number of poses that are kept for a pitch of the hand.
 _TRIED = 16  # Number of poses that are tried for a pitch of the hand.
 _FOUND = 3  # Number of motions of which the shortest is made.
 _MOST = 16  # Number of pairs of a grasp and a place that are tried.
-_MARGIN = 0.008  # Distance that counts as a contact of the arm [m].
+_MARGIN = 0.004  # Distance that counts as a contact of the arm [m].
 _CHECKED = 0.1  # Spacing of the joint positions at which a path is checked for collisions [rad].
 _DEPTHS = (0.1, 0.07, 0.14)  # Depths behind the front of a place with a front at which an object is put [m].
+_FINGER_LENGTH = 0.035  # From the palm to the finger tips, with a gap [m].
 _PALM = 0.012  # How far before the axis of a can the hand grasps it from the side [m].
+_UPRIGHT = 0.95  # Least cosine of the tilt of an object that stands.
 _BESIDE = 0.09  # Distance from the middle of a place at which an object is put beside another one [m].
 
 
@@ -89,6 +91,7 @@ class Thing(NamedTuple):
       kind: one of `OBJECT_KINDS`.
       base: middle of its lower face, `(3,)` [m].
       x_axis: its x axis, `(3,)`.
+      is_upright: whether it stands.
       goal_kind: one of `PLACE_KINDS`; empty where it is not requested.
       goal: middle of the support of its place, `(3,)` [m].
       goal_half_size: half sizes of its place, `(3,)` [m].
@@ -99,6 +102,7 @@ class Thing(NamedTuple):
     kind: str
     base: Array
     x_axis: Array
+    is_upright: bool
     goal_kind: str
     goal: Array
     goal_half_size: Array
@@ -132,6 +136,7 @@ def things(observation: Array) -> list[Thing]:
                 kind=kind,
                 base=_base(kind, centre, part["x_axis"], part["z_axis"], part["half_size"]),
                 x_axis=part["x_axis"],
+                is_upright=bool(part["z_axis"][2] > _UPRIGHT),
                 goal_kind=PLACE_KINDS[int(part["goal_kind"].argmax())] if requested else "",
                 goal=part["goal_position"] + robot_base(),
                 goal_half_size=part["goal_half_size"],
@@ -264,7 +269,9 @@ def _hold(thing: Thing, pitch: float) -> tuple[Array, list[float]]:
             return np.array([back, 0.0, 0.138 if is_steep else 0.06]), sides
         case "carton":
             ahead = axis if np.cos(axis - radial) > 0.0 else axis + np.pi
-            return np.array([-0.032 if pitch < _STEEPEST else 0.0, 0.0, 0.068]), [ahead]
+            # As far from its end as the palm leaves room beside its upper edge.
+            room = (_FINGER_LENGTH - 0.029 * np.sin(pitch)) / max(np.cos(pitch), 0.1)
+            return np.array([min(room - 0.055, 0.0), 0.0, 0.06]), [ahead]
         case _:
             return np.array([-0.062, 0.0, 0.06 if is_steep else 0.048]), [axis + np.pi]
 
@@ -323,7 +330,7 @@ class ObjectExpert(Expert):
         closed = self._closed_part(observation)
         if closed is not None:
             return self._opening(closed, observation, joints)
-        asked = (thing for thing in things(observation) if thing.goal_kind and not thing.is_done)
+        asked = (thing for thing in things(observation) if thing.goal_kind and thing.is_upright and not thing.is_done)
         pending = [thing for thing in asked if self._failures[thing.row] < _ATTEMPTS]
         if not pending:
             return None if self._trajectory is not None else JointTrajectory.stationary(joints, skills.OPEN)
@@ -369,10 +376,12 @@ class PlannedEnd(NamedTuple):
     Attributes:
       end: pose of the hand.
       trajectory: from before it on.
+      touches: number of joint positions at which the robot touches something.
     """
 
     end: End
     trajectory: JointTrajectory
+    touches: int
 
     def distance(self, place: "PlannedEnd") -> float:
         """Returns the greatest motion of a joint from the end of this one to the start of another one [rad]."""
@@ -495,7 +504,7 @@ class _ObjectKitchen:
         grasps = self._planned(number, self._ends_at(thing, generator), slow, is_grasp=True)
         places = self._planned(number, self._ends_in(thing, generator), slow, is_grasp=False)
         pairs = [(grasp, place) for grasp in grasps for place in places if grasp.end.pitch == place.end.pitch]
-        pairs.sort(key=lambda pair: pair[0].distance(pair[1]))
+        pairs.sort(key=lambda pair: (pair[0].touches + pair[1].touches, pair[0].distance(pair[1])))
         found: list[JointTrajectory] = []
         ways: dict[int, list[Array] | None] = {}
         if DEBUG:
@@ -570,8 +579,9 @@ class _ObjectKitchen:
             knots = list(trajectory.knots)
             # What is grasped is carried here, and what is let go may be touched by the fingers that leave it.
             free = knots[: closed[0]] if is_grasp else knots[closed[-1] + 2 :]
-            if not self._touches(free, number, None, first_only=True):
-                found.append(PlannedEnd(end, trajectory))
+            touches = self._touches(free, number, None)
+            if touches <= _FEW:
+                found.append(PlannedEnd(end, trajectory, touches))
         return found
 
     def _held(self, number: int, grasp: PlannedEnd) -> mink.SE3:
