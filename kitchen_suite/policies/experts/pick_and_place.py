@@ -39,7 +39,6 @@ from kitchen_suite.tasks.pick_and_place.task import PickAndPlaceTask
 from kitchen_suite.types import Array
 
 _UP = np.array([0.0, 0.0, 1.0])
-DEBUG = bool(__import__("os").environ.get("DEBUG"))
 
 FROM_ABOVE = SURFACES | {"drawer"}  # Kinds of places that the hand reaches from above.
 
@@ -64,6 +63,7 @@ _STEEP = tuple(np.radians([90.0, 65.0, 45.0, 25.0]).tolist())
 _FLAT = tuple(np.radians([25.0, 12.0, 40.0, 0.0]).tolist())
 _TURNS = tuple(np.radians([0.0, 20.0, -20.0, 45.0, -45.0]).tolist())
 
+_ALIGNED = (0.0, 0.2, -0.2)  # Azimuths beside flat sides, which closing fingers turn to themselves [rad].
 _STEEPEST, _HALF_STEEP = 1.2, 0.6  # Pitches from which the hand comes from above, and half from above [rad].
 _RAISED = 0.02  # Height above its support at which an object is moved into a place with a front, or out of it [m].
 _LEAVING = 0.12  # How far the hand moves back from what it has let go [m].
@@ -271,9 +271,9 @@ def _hold(thing: Thing, pitch: float) -> tuple[Array, list[float]]:
             ahead = axis if np.cos(axis - radial) > 0.0 else axis + np.pi
             # As far from its end as the palm leaves room beside its upper edge.
             room = (_FINGER_LENGTH - 0.029 * np.sin(pitch)) / max(np.cos(pitch), 0.1)
-            return np.array([min(room - 0.055, 0.0), 0.0, 0.06]), [ahead]
+            return np.array([min(room - 0.055, 0.0), 0.0, 0.06]), [ahead + turn for turn in _ALIGNED]
         case _:
-            return np.array([-0.062, 0.0, 0.06 if is_steep else 0.048]), [axis + np.pi]
+            return np.array([-0.062, 0.0, 0.06 if is_steep else 0.048]), [axis + np.pi + turn for turn in _ALIGNED]
 
 
 def _outside(point: Array, azimuth: float, distance: float) -> Array:
@@ -507,8 +507,6 @@ class _ObjectKitchen:
         pairs.sort(key=lambda pair: (pair[0].touches + pair[1].touches, pair[0].distance(pair[1])))
         found: list[JointTrajectory] = []
         ways: dict[int, list[Array] | None] = {}
-        if DEBUG:
-            print("  ", thing.kind, thing.goal_kind, "grasps", len(grasps), "places", len(places), "pairs", len(pairs))
         for grasp, place in pairs[:_MOST]:
             first = id(grasp)
             if first not in ways:
@@ -518,8 +516,6 @@ class _ObjectKitchen:
                 continue
             held = self._held(number, grasp)
             carry = self._path(grasp.trajectory.knots[-1], place.trajectory.knots[0], number, held, generator)
-            if DEBUG:
-                print("      way", len(way), "carry", carry if carry is None else len(carry))
             if carry is None:
                 continue
             motion = JointTrajectory.stationary(start, skills.OPEN)
@@ -531,8 +527,6 @@ class _ObjectKitchen:
             found.append(motion.then(place.trajectory, slow))
             if len(found) == _FOUND:
                 break
-        if DEBUG:
-            print("    durations", [round(each.duration) for each in found])
         return min(found, key=lambda each: each.duration, default=None)
 
     def _path(
@@ -675,7 +669,9 @@ class _ObjectKitchen:
             along = np.abs(np.cross(_UP, into))
             depth = float(np.abs(into) @ half)
             points = [
-                goal + into * (behind - depth) + along * side for behind in _DEPTHS for side in _sides(along @ half)
+                goal + into * (behind - depth) + along * side
+                for behind in _DEPTHS
+                for side in _sides(float(along @ half))
             ]
         else:
             wide = int(half[1] > half[0])
