@@ -25,6 +25,9 @@ from kitchen_suite.entities.parameters import (
 from kitchen_suite.entities.places import Place
 from kitchen_suite.entities.props import Prop
 
+DEFAULT_DESIGN = 5
+"""Number of the kitchen of the split `train` that is built by default: it has a task for each verb."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PickAndPlaceKitchen(GeneratedKitchen):
@@ -95,7 +98,7 @@ _DISPLACEMENTS = ParameterType(
 
 
 def build_pick_and_place(
-    design: Design = 0, split: str = "train", objects: Any = None, *, visuals: bool = True
+    design: Design = DEFAULT_DESIGN, split: str = "train", objects: Any = None, *, visuals: bool = True
 ) -> PickAndPlaceKitchen:
     """Builds the kitchen of a design, with objects.
 

@@ -3,6 +3,7 @@
 from typing import Any
 
 from kitchen_suite.entities.kitchen_designs import Design
+from kitchen_suite.entities.pick_and_place import DEFAULT_DESIGN
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.generated_kitchens import GeneratedKitchenEnv
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_TIMESTEP
@@ -25,6 +26,6 @@ class PickAndPlaceEnv(SuiteEnv):
     default_cameras = ("workspace",)
     free_camera = GeneratedKitchenEnv.free_camera
 
-    def __init__(self, design: Design = 0, split: str = "train", **arguments: Any) -> None:
+    def __init__(self, design: Design = DEFAULT_DESIGN, split: str = "train", **arguments: Any) -> None:
         """Builds the environment; arguments as in `build_pick_and_place`, `PickAndPlaceTask` and `SuiteEnv`."""
         super().__init__(design=design, split=split, **arguments)

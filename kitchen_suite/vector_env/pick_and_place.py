@@ -1,7 +1,11 @@
 """Vectorised generated kitchens with objects: many episodes in one kitchen, or in several."""
 
 from collections.abc import Sequence
+from typing import Any
 
+from kitchen_suite.entities.kitchen_designs import Design
+from kitchen_suite.entities.pick_and_place import DEFAULT_DESIGN
+from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.pick_and_place import PickAndPlaceEnv
 from kitchen_suite.tasks.pick_and_place.mdp import Request
 from kitchen_suite.vector_env.generated_kitchens import GeneratedKitchenVectorEnv
@@ -14,6 +18,11 @@ class PickAndPlaceVectorEnv(GeneratedKitchenVectorEnv):
     """
 
     env_class = PickAndPlaceEnv
+
+    def _make_templates(
+        self, *, design: Design | Sequence[Design] = DEFAULT_DESIGN, **settings: Any
+    ) -> Sequence[SuiteEnv]:
+        return super()._make_templates(design=design, **settings)
 
     def _instructions_of_episodes(self) -> Sequence[tuple[str, ...]]:
         request = self._episodes.state.mdp_state.request

@@ -341,13 +341,13 @@ class PickAndPlaceMDP(CompletionMDP[ItemReading, PickAndPlaceState]):
     def info(self, state: PickAndPlaceState) -> dict[str, NDArray]:
         """Returns the infos on the objects: fresh arrays, `(...)` or, in the order of the layout, `(..., O)`."""
         return {
-            "object_positions": np.array(state.centres * state.items.present[..., np.newaxis]),
+            "object_positions": np.where(state.items.present[..., np.newaxis], state.centres, 0.0),
             **order_info(state.request.order),
             "goal_places": state.request.goal.copy(),
             "start_places": state.request.origin.copy(),
             "starts_closed": state.request.closed.copy(),
             "completion_steps": state.progress.completion_steps.copy(),
-            "objects_dropped": np.add.reduce(state.dropped, axis=-1, dtype=np.int64),
+            "objects_dropped": np.array(np.add.reduce(state.dropped, axis=-1, dtype=np.int64)),
             "is_success": np.array(self.all_completed(state)),
             **self.reward_info(state),
         }

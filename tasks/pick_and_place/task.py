@@ -37,17 +37,29 @@ _BESIDE = 0.13  # Distance of objects from each other that are in one place at t
 _ABOVE = 0.001  # Height above its support at which an object starts [m].
 
 _SENTENCES = {
-    "put_on": ("put the {0} on the {1}", "place the {0} on the {1}", "set the {0} down on the {1}"),
-    "put_in": ("put the {0} into the {1}", "place the {0} in the {1}", "put the {0} away in the {1}"),
+    "put_on": (
+        "put the {0} on the {1}",
+        "place the {0} on the {1}",
+        "set the {0} down on the {1}",
+        "move the {0} to the {1}",
+    ),
+    "put_in": (
+        "put the {0} into the {1}",
+        "place the {0} in the {1}",
+        "put the {0} away in the {1}",
+        "move the {0} into the {1}",
+    ),
     "take_out": (
         "take the {0} out of the {2} and put it on the {1}",
         "move the {0} from the {2} to the {1}",
         "get the {0} out of the {2} and set it down on the {1}",
+        "remove the {0} from the {2} and leave it on the {1}",
     ),
     "open_and_put_in": (
         "open the {1} and put the {0} into it",
-        "open the {1}, then place the {0} in it",
-        "put the {0} into the {1}, which is closed",
+        "open the {1} and place the {0} inside",
+        "put the {0} into the closed {1}",
+        "open the {1} and put the {0} away in it",
     ),
 }
 
@@ -210,9 +222,8 @@ class PickAndPlaceTask(SuiteTask):
     def _open_places(self, request: Any) -> set[int]:
         """Returns the places that stand open at the start."""
         asked = request.order >= 0
-        closed = {int(goal) for goal, is_closed in zip(request.goal, request.closed, strict=True) if is_closed}
-        others = {int(goal) for goal in request.goal[asked & ~request.closed]}
-        return (others | {int(origin) for origin in request.origin[asked] if origin >= 0}) - (closed - others)
+        goals = {int(goal) for goal in request.goal[asked & ~request.closed]}
+        return goals | {int(origin) for origin in request.origin[asked] if origin >= 0}
 
     def _start(self, number: int, request: Any) -> tuple[Array, float]:
         """Returns the position of an object at the start, and its yaw, without noise [m, rad]."""

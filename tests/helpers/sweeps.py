@@ -46,12 +46,13 @@ MODES = {
     "open_cabinet": ("joint_offset", *SHARED),
     "microwave_table": ("joint_offset", *SHARED),
     "kitchens": ("joint_velocity", *SHARED),
+    "pick_and_place": ("joint_velocity", *SHARED),
 }
 CASES = [(domain, mode) for domain, modes in MODES.items() for mode in modes]
 
 
 # Groups of variations that a domain does not have: a design says where its fixtures are, and how they look.
-_LACKING = {"kitchens": ("layout", "appearance")}
+_LACKING = dict.fromkeys(("kitchens", "pick_and_place"), ("layout", "appearance"))
 
 
 def groups_of(domain: str) -> list[str]:
