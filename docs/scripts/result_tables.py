@@ -223,7 +223,7 @@ def results() -> Iterator[Mapping[str, Any]]:
 
 
 # Protocols with tables of their own: with many conditions, or with scores over all of them.
-_APART = ("shift", "unseen-kitchens")
+_APART = ("shift", "unseen-kitchens", "unseen-pick-and-place")
 
 
 def goals_table() -> str:
