@@ -176,6 +176,7 @@ def _object_condition(design: int) -> Condition:
             "design": design,
             "split": "test",
             "certified": True,
+            "num_slots": 2,
             "control_mode": "ee_delta_pose",
             "physics": "fast",
         },

@@ -148,6 +148,7 @@ LITERAL = {
                     "design": design,
                     "split": "test",
                     "certified": True,
+                    "num_slots": 2,
                     "control_mode": "ee_delta_pose",
                     "physics": "fast",
                 },
