@@ -12,7 +12,7 @@ import concurrent.futures
 import functools
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -120,11 +120,11 @@ def _slower(steps: Iterable[int | None]) -> int | None:
     return greatest
 
 
-# Of each domain, the kind of certificates and the function that certifies a kitchen.
-_KINDS: Mapping[str, tuple[type[Any], Callable[[int, str], Any]]] = {
-    "kitchens": (Certificate, certify),
-    "pick_and_place": (ObjectCertificate, certify_objects),
-}
+def _kind_of(domain: str) -> tuple[type[Any], Callable[[int, str], Any]]:
+    """Returns the kind of a domain's certificates, and the function that certifies a kitchen."""
+    if checks.choice(domain, ("kitchens", "pick_and_place"), "domain") == "kitchens":
+        return Certificate, certify
+    return ObjectCertificate, certify_objects
 
 
 def write_certificates(
@@ -150,7 +150,7 @@ def write_certificates(
       ValueError: an unknown split, or a certificate in the file is of another design.
     """
     path = Path(path)
-    kind, certify_one = _KINDS[checks.choice(domain, _KINDS, "domain")]
+    kind, certify_one = _kind_of(domain)
     found = _read(path, numbers, split, kind)
     missing = [number for number in numbers if number not in found]
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -171,7 +171,7 @@ def check_certificates(
 
     On the same kind of processor all are equal. Arguments and exceptions are those of `write_certificates`.
     """
-    kind, certify_one = _KINDS[checks.choice(domain, _KINDS, "domain")]
+    kind, certify_one = _kind_of(domain)
     found = _read(Path(path), numbers, split, kind)
     known = [number for number in numbers if number in found]
     again = {certificate.design: certificate for certificate in _certified(certify_one, known, split, num_workers)}
