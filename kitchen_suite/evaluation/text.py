@@ -362,7 +362,7 @@ def p_text(p_value: float | None) -> str:
     """Returns a p-value as tables show it; empty where there is none."""
     if p_value is None:
         return ""
-    return f"{p_value:.2g}" if p_value < 0.01 else f"{p_value:.2f}"
+    return f"{p_value:.2g}" if p_value < 0.1 else f"{p_value:.2f}"
 
 
 def _compared_heading(comparisons: Sequence[PairedComparison]) -> str:

@@ -17,7 +17,7 @@ from kitchen_suite.commands import evaluate as evaluate_command
 from kitchen_suite.evaluation import side_by_side
 from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, all_as_json, compare_all
 from kitchen_suite.evaluation.paired_scores import PairedScore, conclusion
-from kitchen_suite.evaluation.text import format_comparison, format_comparisons, format_totals, label
+from kitchen_suite.evaluation.text import format_comparison, format_comparisons, format_totals, label, p_text
 
 SMALL = ["--num_episodes=3", "--max_episode_steps=4", "--num_envs=3"]
 
@@ -447,6 +447,15 @@ def test_everything_printed_is_in_the_json(count, table_format):
     # The level of the intervals, that of p-values, and the number of pairs.
     known = numbers_in(record) | {"95", "0.05", str(len(comparisons))}
     assert {*re.findall(r"\d+(?:\.\d+)?", text)} <= known
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(2.13e-16, "2.1e-16"), (0.0035, "0.0035"), (0.0473, "0.047"), (0.123, "0.12"), (1.0, "1.00"), (None, "")],
+)
+def test_p_values_have_two_digits(value, shown):
+    """So that one below 0.05 is not shown as 0.05."""
+    assert p_text(value) == shown
 
 
 def test_latex_has_tables_and_comments_alone():
