@@ -14,8 +14,9 @@ from tabulate import tabulate
 
 from kitchen_suite.entities.kitchen_designs import SPLITS
 from kitchen_suite.evaluation.compare import compare
+from kitchen_suite.evaluation.evaluation import Evaluation
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
-from kitchen_suite.evaluation.text import format_comparison, p_text
+from kitchen_suite.evaluation.text import format_comparison, format_evaluation, p_text
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.generated_kitchens import certificates
 
@@ -683,6 +684,12 @@ def kitchens_speed_table() -> str:
     return markdown(("threads", "speed of 16 designs, relative to one", "by processor time"), rows)
 
 
+def evaluation_example() -> str:
+    """Returns the output of kitchen-evaluate of the pretrained policy, from its JSON with `--episodes`."""
+    evaluation = Evaluation.read(RESULTS / "comparison" / "trained_seen.json")
+    return f"```\n{format_evaluation(evaluation)}\n```\n"
+
+
 def comparison_example() -> str:
     """Returns the output of kitchen-compare for two files of `kitchen-evaluate --episodes --json`."""
     comparison = compare(*(RESULTS / "comparison" / f"{policy}.json" for policy in ("expert", "trained")))
@@ -839,6 +846,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "evaluation_tasks": task_rate_table,
     "imitation_results": imitation_table,
     "kitchen_policy": kitchen_policy_table,
+    "evaluation_example": evaluation_example,
     "comparison_example": comparison_example,
     "comparison_across": comparison_across,
     "comparison_methods": comparison_methods,
