@@ -15,8 +15,9 @@ from tabulate import tabulate
 from kitchen_suite.entities.kitchen_designs import SPLITS
 from kitchen_suite.evaluation.compare import compare
 from kitchen_suite.evaluation.evaluation import Evaluation
+from kitchen_suite.evaluation.methods import compare_methods
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
-from kitchen_suite.evaluation.text import format_comparison, format_evaluation, p_text
+from kitchen_suite.evaluation.text import format_comparison, format_evaluation, format_methods, p_text
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.generated_kitchens import certificates
 
@@ -705,6 +706,12 @@ def comparison_across() -> str:
     return f"```\n{shown}\n```\n"
 
 
+def comparison_seeds() -> str:
+    """Returns the output of kitchen-compare for two methods, by evaluations with `--episodes --json`."""
+    a, b = ([RESULTS / "comparison" / f"{name}_{seed}.json" for seed in range(1, 6)] for name in ("gain", "dense"))
+    return f"```\n{format_methods(compare_methods(a, b))}\n```\n"
+
+
 def comparison_methods() -> str:
     """Returns the table of simulated comparisons of methods, from `docs/experiments/comparisons.py methods`."""
     rows = [
@@ -849,6 +856,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "evaluation_example": evaluation_example,
     "comparison_example": comparison_example,
     "comparison_across": comparison_across,
+    "comparison_seeds": comparison_seeds,
     "comparison_methods": comparison_methods,
     "comparison_kitchens": comparison_kitchens,
     "digests": digest_table,
