@@ -1,6 +1,6 @@
 """Chooses a GL library before MuJoCo is imported, and which tests are run: by their cost, and by what is here.
 
-A test that needs what is not here is deselected, and the summary says so.
+A chosen test that needs what is not here is deselected, and the summary says so; with --complete the run fails.
 """
 
 import collections
@@ -11,6 +11,7 @@ import os
 import re
 import socket
 import sys
+from collections.abc import Generator
 from typing import Any
 
 import pytest
@@ -47,6 +48,7 @@ REQUIREMENTS = {
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--run", choices=COSTS, default=COSTS[0], help="which tests to run, by what they cost")
+    parser.addoption("--complete", action="store_true", help="fail if a chosen test needs what is not here")
 
 
 def _cost(item: pytest.Item) -> int:
@@ -84,9 +86,11 @@ def _mark_further_cases(items: list[pytest.Item]) -> None:
                 item.add_marker(pytest.mark.full)
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Generator[None]:
     _mark_further_cases(items)
+    # Here pytest chooses by -m and -k: the rest is about those alone, so that nothing is missed that was not asked for.
+    yield
     most = COSTS.index(config.getoption("--run"))
     affordable = [item for item in items if _cost(item) <= most]
     lacking = {item: missing for item in affordable if (missing := _missing(item))}
@@ -97,8 +101,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
+    lacking = session.config.stash.get(_LACKING, collections.Counter())
     if hasattr(session.config, "workeroutput"):
-        session.config.workeroutput["lacking"] = dict(session.config.stash[_LACKING])
+        session.config.workeroutput["lacking"] = dict(lacking)
+    elif lacking and session.config.getoption("--complete"):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -2,7 +2,7 @@
 
 Words after the language of a fence are marks:
 
-  full, nightly, clients, ray, lerobot, web, vla_eval, rendering   as of the tests: what the block costs and needs
+  full, nightly, clients, torch, ray, lerobot, web, vla_eval, rendering   as of the tests: what a block costs and needs
   hours                                                   takes hours: only the command lines are parsed
   ci                                                      .ci/stage has the same line: only the command lines are parsed
 """
@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
-PYTEST_MARKS = ("full", "nightly", "clients", "ray", "lerobot", "web", "vla_eval", "rendering")
+PYTEST_MARKS = ("full", "nightly", "clients", "torch", "ray", "lerobot", "web", "vla_eval", "rendering")
 PARSED_MARKS = ("hours", "ci")
 INTERPRETERS = {"python": (sys.executable,), "sh": ("bash", "-e")}
 PARSED_PROGRAMS = (

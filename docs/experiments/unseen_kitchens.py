@@ -1,21 +1,22 @@
-"""Trains the policy for kitchens that it has never seen, which comes with the package.
+"""Trains the policies for kitchens that they have never seen, which come with the package.
 
 python docs/experiments/unseen_kitchens.py FOLDER record   demonstrations of the expert
 python docs/experiments/unseen_kitchens.py FOLDER train    what is missing of them, and the policy
 python docs/experiments/unseen_kitchens.py FOLDER ship     copies the policy to the package
 
-It is cloned from the expert's demonstrations in kitchens of the split `train`. FOLDER keeps recordings and the run: the
-same command continues after an interrupt. `python docs/experiments/evaluation.py FOLDER trained:unseen-kitchens`
-evaluates it in kitchens of the split `test`. It needs the extras `experts` and `train`.
+The policy opens parts of kitchens; with --domain=pick_and_place, another one puts objects away. It is cloned from the
+expert's demonstrations in kitchens of the split `train`. FOLDER keeps recordings and the run: the same command
+continues after an interrupt. `python docs/experiments/evaluation.py FOLDER trained:unseen-kitchens`, or
+`trained:unseen-pick-and-place`, evaluates it in kitchens of the split `test`. It needs the extras `experts` and `train`.
 """
 
 import contextlib
 import functools
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from experiment import in_processes, make_parser, run_command
 from tqdm import tqdm
@@ -25,57 +26,87 @@ from kitchen_suite.episodes.record import DivergedEpisodesError
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.policies.files import SHIPPED
 
-NAME = "kitchens_open"
-
-# What is learned, and by whom it is demonstrated: as in the kitchen's sets for imitation.
-TASK = "open"
-EXPERT = "expert(action_noise=0.1, jitter=0.01)"
-
-# Kitchens of the split `train`, in which the expert is certified, and episodes in each.
-KITCHENS = 150
-EPISODES = 12
-
-# Steps of the optimiser.
-STEPS = 15_000
+EXPERT = "expert(action_noise=0.1, jitter=0.01)"  # As in the kitchen's sets for imitation.
 
 
-def arguments(design: int) -> dict[str, Any]:
-    """Returns the arguments of environments of a kitchen of the split `train`.
+class Kind(NamedTuple):
+    """A policy, and the demonstrations that it is cloned from.
 
-    A policy that sees all of a kitchen learns by heart what was done in which; where the hand has to go depends on the
-    handle alone, joint velocities on the posture as well.
+    Attributes:
+      name: of the policy's file in the package.
+      task: that is learned.
+      arguments: of the environments, beside the design.
+      kitchens: number of kitchens of the split `train`.
+      episodes: in each of them; those in which the expert fails are left out.
+      steps: of the optimiser.
     """
-    return {"design": design, "split": "train", "certified": True, "num_slots": 1, "control_mode": "ee_delta_pose"}
+
+    name: str
+    task: str
+    arguments: Mapping[str, Any]
+    kitchens: int
+    episodes: int
+    steps: int
 
 
-def record_kitchen(folder: Path, design: int) -> Path:
+# A policy that sees all of a kitchen learns by heart what was done in which; where the hand has to go depends on the
+# handle or the object alone, joint velocities on the posture as well.
+KINDS = {
+    "kitchens": Kind(
+        "kitchens_open",
+        "open",
+        {"certified": True, "num_slots": 1, "control_mode": "ee_delta_pose"},
+        kitchens=150,
+        episodes=12,
+        steps=15_000,
+    ),
+    "pick_and_place": Kind(
+        "pick_and_place_put_on_put_in_take_out_open_and_put_in",
+        "any",
+        {"num_slots": 2, "control_mode": "ee_delta_pose"},
+        kitchens=100,
+        episodes=6,
+        steps=15_000,
+    ),
+}
+
+
+def arguments(domain: str, design: int) -> dict[str, Any]:
+    """Returns the arguments of environments of a kitchen of the split `train`."""
+    return {"design": design, "split": "train", **KINDS[domain].arguments}
+
+
+def record_kitchen(folder: Path, domain: str, design: int) -> Path:
     """Records the demonstrations in a kitchen, or what is missing of them; returns their folder."""
+    kind = KINDS[domain]
     output = folder / "demonstrations" / f"kitchen_{design}"
     if not (output / "complete").exists():
-        spec = EnvironmentSpec.make("kitchens", TASK, arguments(design))
+        spec = EnvironmentSpec.make(domain, kind.task, arguments(domain, design))
         # Where a few episodes diverge, the others are kept.
         with contextlib.suppress(DivergedEpisodesError):
-            kitchen_suite.record(output, spec, EXPERT, num_episodes=EPISODES, seed=100 * design, num_threads=1)
+            kitchen_suite.record(output, spec, EXPERT, num_episodes=kind.episodes, seed=100 * design, num_threads=1)
         (output / "complete").touch()
     return output
 
 
-def record(folder: Path) -> list[Path]:
+def record(folder: Path, domain: str) -> list[Path]:
     """Records the demonstrations in all kitchens; returns their folders."""
-    recorded = in_processes(functools.partial(record_kitchen, folder), range(KITCHENS))
-    return [*tqdm(recorded, total=KITCHENS, unit="kitchen", disable=None)]
+    count = KINDS[domain].kitchens
+    recorded = in_processes(functools.partial(record_kitchen, folder, domain), range(count))
+    return [*tqdm(recorded, total=count, unit="kitchen", disable=None)]
 
 
-def train(folder: Path) -> None:
+def train(folder: Path, domain: str) -> None:
     """Trains the policy, and records what is missing of the demonstrations."""
-    recordings = record(folder)
+    recordings, kind = record(folder, domain), KINDS[domain]
     output = folder / "policy"
     run_command(
         "train",
         f"--output={output}",
-        *("--domain_name=kitchens", f"--task_name={TASK}", f"--task_kwargs={json.dumps(arguments(0))}"),
+        *(f"--domain_name={domain}", f"--task_name={kind.task}"),
+        f"--task_kwargs={json.dumps(arguments(domain, 0))}",
         *("--algorithm=bc", "--seed=1", "--restarts=0", "--eval_episodes=10"),
-        *(f"--num_steps={STEPS}", f"--eval_interval={STEPS}"),
+        *(f"--num_steps={kind.steps}", f"--eval_interval={kind.steps}"),
         f"--demonstrations={','.join(map(str, recordings))}",
         *(["--resume"] if (output / "training.json").exists() else []),
     )
@@ -86,13 +117,14 @@ def main(command_line: Sequence[str] | None = None) -> None:
     parser = make_parser(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("action", choices=("record", "train", "ship"))
+    parser.add_argument("--domain", choices=KINDS, default="kitchens", help="whose tasks are learned")
     given = parser.parse_args(command_line)
     if given.action == "record":
-        record(given.folder)
+        record(given.folder, given.domain)
     elif given.action == "train":
-        train(given.folder)
+        train(given.folder, given.domain)
     else:
-        shutil.copyfile(given.folder / "policy" / "policy.npz", SHIPPED / f"{NAME}.npz")
+        shutil.copyfile(given.folder / "policy" / "policy.npz", SHIPPED / f"{KINDS[given.domain].name}.npz")
 
 
 if __name__ == "__main__":

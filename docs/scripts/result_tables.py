@@ -14,8 +14,10 @@ from tabulate import tabulate
 
 from kitchen_suite.entities.kitchen_designs import SPLITS
 from kitchen_suite.evaluation.compare import compare
+from kitchen_suite.evaluation.evaluation import Evaluation
+from kitchen_suite.evaluation.methods import compare_methods
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
-from kitchen_suite.evaluation.text import format_comparison, p_text
+from kitchen_suite.evaluation.text import format_comparison, format_evaluation, format_methods, p_text
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.generated_kitchens import certificates
 
@@ -223,7 +225,7 @@ def results() -> Iterator[Mapping[str, Any]]:
 
 
 # Protocols with tables of their own: with many conditions, or with scores over all of them.
-_APART = ("shift", "unseen-kitchens")
+_APART = ("shift", "unseen-kitchens", "unseen-pick-and-place")
 
 
 def goals_table() -> str:
@@ -683,6 +685,12 @@ def kitchens_speed_table() -> str:
     return markdown(("threads", "speed of 16 designs, relative to one", "by processor time"), rows)
 
 
+def evaluation_example() -> str:
+    """Returns the output of kitchen-evaluate of the pretrained policy, from its JSON with `--episodes`."""
+    evaluation = Evaluation.read(RESULTS / "comparison" / "trained_seen.json")
+    return f"```\n{format_evaluation(evaluation)}\n```\n"
+
+
 def comparison_example() -> str:
     """Returns the output of kitchen-compare for two files of `kitchen-evaluate --episodes --json`."""
     comparison = compare(*(RESULTS / "comparison" / f"{policy}.json" for policy in ("expert", "trained")))
@@ -696,6 +704,12 @@ def comparison_across() -> str:
     # Without the table by task.
     shown, _, _ = text.rpartition("\n\n")
     return f"```\n{shown}\n```\n"
+
+
+def comparison_seeds() -> str:
+    """Returns the output of kitchen-compare for two methods, by evaluations with `--episodes --json`."""
+    a, b = ([RESULTS / "comparison" / f"{name}_{seed}.json" for seed in range(1, 6)] for name in ("gain", "dense"))
+    return f"```\n{format_methods(compare_methods(a, b))}\n```\n"
 
 
 def comparison_methods() -> str:
@@ -839,8 +853,10 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "evaluation_tasks": task_rate_table,
     "imitation_results": imitation_table,
     "kitchen_policy": kitchen_policy_table,
+    "evaluation_example": evaluation_example,
     "comparison_example": comparison_example,
     "comparison_across": comparison_across,
+    "comparison_seeds": comparison_seeds,
     "comparison_methods": comparison_methods,
     "comparison_kitchens": comparison_kitchens,
     "digests": digest_table,

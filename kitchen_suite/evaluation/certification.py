@@ -12,10 +12,12 @@ import concurrent.futures
 import functools
 import multiprocessing
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
+import dm_env
 import msgspec
 import mujoco
 import numpy as np
@@ -23,14 +25,21 @@ from tqdm import tqdm
 
 from kitchen_suite import checks, policies, suite
 from kitchen_suite.entities.kitchen_designs import SPLITS, KitchenDesign
+from kitchen_suite.environment import Environment
 from kitchen_suite.policies.experts.generated_kitchens import reached_handles
 from kitchen_suite.tasks.generated_kitchens import certificates
 from kitchen_suite.tasks.generated_kitchens.certificates import Certificate
 from kitchen_suite.tasks.generated_kitchens.requests import VERBS
+from kitchen_suite.tasks.pick_and_place import certificates as object_certificates
+from kitchen_suite.tasks.pick_and_place.certificates import ObjectCertificate
+from kitchen_suite.tasks.pick_and_place.requests import VERBS as OBJECT_VERBS
 from kitchen_suite.tasks.variations.layouts import Clearance
 
 # Props that are in each other as in the original kitchen: the oven has the hood in its back, and a kettle on it.
 _TOGETHER = ("oven_1", "hood_1", "kettle")
+
+# Of each verb, numbers of tasks with objects that are to be certified, and that are tried at most.
+_WANTED, _MOST_TRIED = 2, 4
 
 
 def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
@@ -50,12 +59,7 @@ def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
     depth = Clearance(task.scene, environment.physics, data).depth(_TOGETHER)
     steps: dict[str, int | None] = {}
     for name in task.requests.tasks:
-        environment.random_state.seed(seed)
-        task.follow(task.checked_reset({"requested_tasks": [name]}))
-        timestep, count = environment.reset(), 0
-        while not timestep.last():
-            timestep, count = environment.step(act(timestep)), count + 1
-        steps[name] = count if task.episode_metrics["success"] else None
+        steps[name] = _played(environment, act, name, seed)
     completed = (name.split(" ") for name, count in steps.items() if count)
     opened = {part for verb, part in completed if not VERBS[verb][0]}
     return Certificate(
@@ -68,9 +72,64 @@ def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
     )
 
 
+def certify_objects(number: int, split: str) -> ObjectCertificate:
+    """Returns the certificate of the tasks with objects in a kitchen.
+
+    Of each verb the expert tries tasks in a drawn order until it has completed two of them, four at most; each is
+    played in two episodes, with the seeds 0 and 1.
+    """
+    design = KitchenDesign.drawn(number, split)
+    environment = suite.load("pick_and_place", "any", {"design": design, "visuals": False, "random": 0})
+    task: Any = environment.task
+    act = policies.find("expert")(environment, np.random.default_rng(0))
+    steps: dict[str, int | None] = {}
+    for verb in OBJECT_VERBS:
+        names = [name for name in task.requests.tasks if name.startswith(f"{verb} ")]
+        order = np.random.default_rng([SPLITS.index(split), number]).permutation(len(names))
+        for name in [names[k] for k in order.tolist()[:_MOST_TRIED]]:
+            steps[name] = _slower(_played(environment, act, name, seed) for seed in (0, 1))
+            if sum(steps.get(each) is not None for each in names) == _WANTED:
+                break
+    return ObjectCertificate(
+        design=number,
+        digest=certificates.design_digest(design),
+        layout=object_certificates.layout_digest(task.scene.layout),
+        physics=task.scene.physics,
+        steps=steps,
+    )
+
+
+def _played(environment: Environment, act: Callable[[dm_env.TimeStep], Any], name: str, seed: int) -> int | None:
+    """Returns the control steps in which a policy completes a task in an episode with a seed; None if it does not."""
+    task = environment.task
+    environment.random_state.seed(seed)
+    task.follow(task.checked_reset({"requested_tasks": [name]}))
+    timestep, count = environment.reset(), 0
+    while not timestep.last():
+        timestep, count = environment.step(act(timestep)), count + 1
+    return count if task.episode_metrics["success"] else None
+
+
+def _slower(steps: Iterable[int | None]) -> int | None:
+    """Returns the greatest of some numbers; None, and no later one is asked for, where one is None."""
+    greatest = 0
+    for each in steps:
+        if each is None:
+            return None
+        greatest = max(greatest, each)
+    return greatest
+
+
+def _kind_of(domain: str) -> tuple[type[Any], Callable[[int, str], Any]]:
+    """Returns the kind of a domain's certificates, and the function that certifies a kitchen."""
+    if checks.choice(domain, ("kitchens", "pick_and_place"), "domain") == "kitchens":
+        return Certificate, certify
+    return ObjectCertificate, certify_objects
+
+
 def write_certificates(
-    path: str | PathLike[str], numbers: Sequence[int], split: str, *, num_workers: int = 1
-) -> dict[int, Certificate]:
+    path: str | PathLike[str], numbers: Sequence[int], split: str, *, num_workers: int = 1, domain: str = "kitchens"
+) -> dict[int, Any]:
     """Appends the certificates that a file lacks; returns those of all the kitchens, by number.
 
     Each is written as a whole line as soon as its kitchen is finished, in any order, so the same call continues after
@@ -83,19 +142,22 @@ def write_certificates(
       split: `train` or `test`.
       num_workers: processes that certify. More than one import the program that calls, whose own work has to be below
         `if __name__ == "__main__":`.
+      domain: whose tasks are certified, `kitchens` or `pick_and_place`; environments of the second read
+        `default_path(split)` of `kitchen_suite.tasks.pick_and_place.certificates`.
 
     Raises:
       OSError: the file holds something else, or cannot be written.
       ValueError: an unknown split, or a certificate in the file is of another design.
     """
     path = Path(path)
-    found = _read(path, numbers, split)
+    kind, certify_one = _kind_of(domain)
+    found = _read(path, numbers, split, kind)
     missing = [number for number in numbers if number not in found]
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as file:
         # What follows the last complete line was cut off.
         file.truncate(path.read_bytes().rfind(b"\n") + 1)
-        for certificate in _certified(missing, split, num_workers):
+        for certificate in _certified(certify_one, missing, split, num_workers):
             file.write(msgspec.json.encode(certificate) + b"\n")
             file.flush()
             found[certificate.design] = certificate
@@ -103,40 +165,43 @@ def write_certificates(
 
 
 def check_certificates(
-    path: str | PathLike[str], numbers: Sequence[int], split: str, *, num_workers: int = 1
+    path: str | PathLike[str], numbers: Sequence[int], split: str, *, num_workers: int = 1, domain: str = "kitchens"
 ) -> list[int]:
     """Certifies kitchens again; returns the numbers of those whose certificate is missing or comes out otherwise.
 
     On the same kind of processor all are equal. Arguments and exceptions are those of `write_certificates`.
     """
-    found = _read(Path(path), numbers, split)
+    kind, certify_one = _kind_of(domain)
+    found = _read(Path(path), numbers, split, kind)
     known = [number for number in numbers if number in found]
-    again = {certificate.design: certificate for certificate in _certified(known, split, num_workers)}
+    again = {certificate.design: certificate for certificate in _certified(certify_one, known, split, num_workers)}
     return [number for number in numbers if number not in found or found[number] != again[number]]
 
 
-def _read(path: Path, numbers: Sequence[int], split: str) -> dict[int, Certificate]:
+def _read(path: Path, numbers: Sequence[int], split: str, kind: type[Any]) -> dict[int, Any]:
     """Returns the certificates in a file, after those of some kitchens have been compared with their designs."""
     checks.choice(split, SPLITS, "split")
-    found = certificates.read(path) if path.exists() else {}
+    found: dict[int, Any] = certificates.read(path, kind) if path.exists() else {}
     for number in numbers:
         if number in found:
             certificates.check_design(found[number], KitchenDesign.drawn(number, split), path)
     return found
 
 
-def _certified(numbers: Sequence[int], split: str, num_workers: int) -> Iterator[Certificate]:
+def _certified(
+    certify_one: Callable[[int, str], Any], numbers: Sequence[int], split: str, num_workers: int
+) -> Iterator[Any]:
     """Yields the certificates of kitchens as they are finished."""
     progress = functools.partial(tqdm, total=len(numbers), unit="kitchen", disable=None, leave=False)
     if checks.integer(num_workers, "num_workers", minimum=1) == 1:
-        yield from progress(certify(number, split) for number in numbers)
+        yield from progress(certify_one(number, split) for number in numbers)
         return
     others = {*multiprocessing.active_children()}
     pool = concurrent.futures.ProcessPoolExecutor(
         num_workers, multiprocessing.get_context("spawn"), initializer=_ignore_interrupts
     )
     try:
-        waiting = [pool.submit(certify, number, split) for number in numbers]
+        waiting = [pool.submit(certify_one, number, split) for number in numbers]
         for finished in progress(concurrent.futures.as_completed(waiting)):
             yield finished.result()
     except BaseException:

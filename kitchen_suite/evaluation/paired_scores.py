@@ -177,7 +177,11 @@ def episode_scores(policies: Sequence[Sequence[EpisodeResult]]) -> dict[str, Epi
 
 
 def paired_scores(pairs: Sequence[Pair], *, by_condition: bool = False) -> dict[str, PairedScore]:
-    """Returns the scores of some episodes by name, `success` first; see `PairedScore.of_verdicts`."""
+    """Returns the scores of some episodes by name, `success` first; see `PairedScore.of_verdicts`.
+
+    The last, `steps_to_success`, is of the episodes in which both succeed; there is none without these, and none of
+    evaluations of version 1.0, which do not say it.
+    """
     rows = {}
     for name, score in episode_scores([*zip(*pairs, strict=True)]).items():
         if score.unit == RATE:
@@ -187,6 +191,8 @@ def paired_scores(pairs: Sequence[Pair], *, by_condition: bool = False) -> dict[
             rows[name] = PairedScore.of_means(
                 pairs, score.of, greatest=greatest, unit=score.unit, by_condition=by_condition
             )
+    if both := [pair for pair in pairs if all(result.steps_to_success is not None for result in pair)]:
+        rows["steps_to_success"] = PairedScore.of_means(both, _steps_to_success, by_condition=by_condition)
     return rows
 
 
@@ -281,6 +287,11 @@ def _tasks(result: EpisodeResult) -> int:
 def _success_at_end(result: EpisodeResult) -> bool:
     assert result.success_at_end is not None
     return result.success_at_end
+
+
+def _steps_to_success(result: EpisodeResult) -> int:
+    assert result.steps_to_success is not None
+    return result.steps_to_success
 
 
 def _measure(name: str) -> Callable[[EpisodeResult], float]:

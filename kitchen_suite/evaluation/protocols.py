@@ -167,6 +167,22 @@ def _kitchen_condition(design: int) -> Condition:
     )
 
 
+def _object_condition(design: int) -> Condition:
+    """Returns a condition of a kitchen with objects: one of the tasks that the expert is certified to complete."""
+    return Condition(
+        name=f"kitchen {design}",
+        task_name="any",
+        task_kwargs={
+            "design": design,
+            "split": "test",
+            "certified": True,
+            "num_slots": 2,
+            "control_mode": "ee_delta_pose",
+            "physics": "fast",
+        },
+    )
+
+
 _PROTOCOLS = (
     Protocol(
         name="default",
@@ -319,6 +335,15 @@ _PROTOCOLS = (
         conditions=tuple(map(_kitchen_condition, range(UNSEEN_KITCHENS))),
         num_episodes=UNSEEN_EPISODES,
         domain_name="kitchens",
+        sampled=("success",),
+        unit="kitchen",
+    ),
+    Protocol(
+        name="unseen-pick-and-place",
+        follows="the suite's own: one object to put away, in 100 generated kitchens of `test`; score: success",
+        conditions=tuple(map(_object_condition, range(UNSEEN_KITCHENS))),
+        num_episodes=UNSEEN_EPISODES,
+        domain_name="pick_and_place",
         sampled=("success",),
         unit="kitchen",
     ),

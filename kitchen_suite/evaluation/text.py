@@ -191,12 +191,16 @@ def format_overall(overall: Mapping[str, float], table_format: str = "text") -> 
 def format_shifts(shifts: Mapping[str, Mapping[str, PairedScore]], control: str, table_format: str = "text") -> str:
     """Returns a table for each score of what conditions change, in pairs with episodes of the control arm."""
     tables = []
-    for name, example in next(iter(shifts.values())).items():
+    for name in dict.fromkeys(name for scores in shifts.values() for name in scores):
         header = [f"{label(name)}, less that of {control!r} in pairs", "difference", _INTERVAL]
-        rows = [[condition, *_cells(scores[name])[2:]] for condition, scores in shifts.items()]
-        if example.p_value_holm is not None:
+        # In some conditions there may be no episode in which both succeed.
+        measured = {condition: scores for condition, scores in shifts.items() if name in scores}
+        rows = [
+            [_with_count(condition, name, scores), *_cells(scores[name])[2:]] for condition, scores in measured.items()
+        ]
+        if name == "success":
             header.append("p (Holm)")
-            for row, scores in zip(rows, shifts.values(), strict=True):
+            for row, scores in zip(rows, measured.values(), strict=True):
                 row.append(p_text(scores[name].p_value_holm))
         tables.append(table(header, rows, table_format))
     return "\n\n".join(tables)
@@ -358,7 +362,7 @@ def p_text(p_value: float | None) -> str:
     """Returns a p-value as tables show it; empty where there is none."""
     if p_value is None:
         return ""
-    return f"{p_value:.2g}" if p_value < 0.01 else f"{p_value:.2f}"
+    return f"{p_value:.2g}" if p_value < 0.1 else f"{p_value:.2f}"
 
 
 def _compared_heading(comparisons: Sequence[PairedComparison]) -> str:
@@ -425,7 +429,10 @@ def _both_names(comparison: PairedComparison) -> str:
 
 
 def _score_table(scores: Mapping[str, PairedScore], names: tuple[str, str], table_format: str) -> str:
-    rows = [(label(name), *_cells(score), p_text(score.p_value)) for name, score in scores.items()]
+    rows = [
+        (_with_count(label(name), name, scores), *_cells(score), p_text(score.p_value))
+        for name, score in scores.items()
+    ]
     return table(("score", *names, "difference", _INTERVAL, "p"), rows, table_format)
 
 
@@ -450,8 +457,15 @@ def _rows_of_other_scores(comparisons: Sequence[PairedComparison]) -> dict[str, 
     for each in comparisons:
         for name, score in each.scores.items():
             if name != "success":
-                rows.setdefault(label(name), []).append((_both_names(each), *_cells(score)))
+                title = _with_count(_both_names(each), name, each.scores)
+                rows.setdefault(label(name), []).append((title, *_cells(score)))
     return rows
+
+
+def _with_count(title: str, name: str, scores: Mapping[str, PairedScore]) -> str:
+    """Returns the title of a score's row, with the number of its episodes where it is not of all."""
+    count = scores[name].episodes
+    return title if count == scores["success"].episodes else f"{title} ({counted(count)})"
 
 
 def _cells(score: PairedScore) -> tuple[str, ...]:

@@ -97,10 +97,10 @@ def load_recording(
     """
     recording = open_recording(folder, spec, suite.find_domain(spec.domain_name).control_options)
     if missing := spec.names - recording.spec.names:
-        problem = f"{folder} holds episodes of {_title(recording.spec)}, not of {_title(spec)}"
         if missing == spec.names:
-            raise ValueError(problem)
-        warnings.warn(f"{problem}: nothing is learned of {sorted(name for _, name in missing)}", stacklevel=2)
+            raise ValueError(f"{folder} holds episodes of {_title(recording.spec)}, not of {_title(spec)}")
+        names = sorted(name for _, name in missing)
+        warnings.warn(f"{folder} holds no episodes of {names}: nothing is learned of them", stacklevel=2)
     indices = recording.successful[:count]
     if len(indices) < (count or 1):
         raise ValueError(f"{folder} holds {len(indices)} successful episodes, not {count or 'one or more'}")

@@ -7,8 +7,9 @@ A file has a line of JSON for each kitchen. The package has those of the first k
 import functools
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import msgspec
 
@@ -53,8 +54,26 @@ def design_digest(design: KitchenDesign) -> str:
     return hashlib.sha256(json.dumps(design.to_json(), sort_keys=True).encode()).hexdigest()[:16]
 
 
-def read(path: Path) -> dict[int, Certificate]:
-    """Returns the certificates in a file, by design; a last one that was cut off is left out.
+class KitchenCertificate(Protocol):
+    """A certificate of a kitchen, as files have them: structs of msgspec whose first field is the design.
+
+    Attributes:
+      design: its number in the split.
+      digest: of its design, see `design_digest`.
+    """
+
+    @property
+    def design(self) -> int: ...
+
+    @property
+    def digest(self) -> str: ...
+
+
+C = TypeVar("C", bound=KitchenCertificate)
+
+
+def read(path: Path, kind: type[C] = Certificate) -> dict[int, C]:  # type: ignore[assignment]
+    """Returns the certificates of a kind in a file, by design; a last one that was cut off is left out.
 
     Raises an OSError if there is anything else in the file.
     """
@@ -65,7 +84,7 @@ def read(path: Path) -> dict[int, Certificate]:
             raise ValueError("the last line is not a certificate")
         if any(len(line) > _MAX_LINE for line in lines):
             raise ValueError(f"it has a line of more than {_MAX_LINE} bytes")
-        certificates = [files.parse(files.parse_json(line), Certificate, "not a certificate") for line in lines]
+        certificates = [files.parse(files.parse_json(line), kind, "not a certificate") for line in lines]
     return {certificate.design: certificate for certificate in certificates}
 
 
@@ -82,10 +101,10 @@ def default_path(split: str) -> Path | None:
     return None if folder is None else folder / f"certificates_{split}.jsonl"
 
 
-@functools.lru_cache(maxsize=4)
-def _read(path: Path, changed: int) -> Mapping[int, Certificate]:
+@functools.lru_cache(maxsize=8)
+def _read(path: Path, changed: int, kind: type[C] = Certificate) -> Mapping[int, C]:  # type: ignore[assignment]
     """Returns what a file holds that was changed at a time [ns]."""
-    return read(path)
+    return read(path, kind)
 
 
 def certificate_of(design: KitchenDesign) -> Certificate:
@@ -93,23 +112,41 @@ def certificate_of(design: KitchenDesign) -> Certificate:
 
     Raises a ValueError if there is none, or it is of another design, and an OSError for a file that is damaged.
     """
+    return find(design, Certificate, _SHIPPED, default_path, domain="kitchens")
+
+
+def find(
+    design: KitchenDesign, kind: type[C], shipped: Path, cached: Callable[[str], Path | None], *, domain: str
+) -> C:
+    """Returns the certificate of a kind of a design, that of the package or of the user's cache folder.
+
+    Args:
+      design: with a number of a split.
+      kind: of the certificate.
+      shipped: folder in which the package has those of the kind.
+      cached: returns the file of a split in the user's cache folder; None if there is no such folder.
+      domain: whose kitchens they are.
+
+    Raises a ValueError if there is none, or it is of another design, and an OSError for a file that is damaged.
+    """
     split, _, number = design.name.partition("/")
     if not number:
         raise ValueError("only kitchens of a split have certificates: certified needs a number as design")
     checks.choice(split, SPLITS, "split")
-    for path in (_SHIPPED / f"{split}.jsonl", default_path(split)):
+    for path in (shipped / f"{split}.jsonl", cached(split)):
         if path is not None and path.exists():
-            found = _read(path, path.stat().st_mtime_ns).get(int(number))
+            found = _read(path, path.stat().st_mtime_ns, kind).get(int(number))
             if found is not None:
                 check_design(found, design, path)
                 return found
+    of_domain = "" if domain == "kitchens" else f", domain={domain!r}"
     raise ValueError(
         f"kitchen {design.name} has no certificate: kitchen_suite.evaluation.certification.write_certificates("
-        f"certificates.default_path({split!r}), [{number}], {split!r}) makes one"
+        f"certificates.default_path({split!r}), [{number}], {split!r}{of_domain}) makes one"
     )
 
 
-def check_design(certificate: Certificate, design: KitchenDesign, path: Path) -> None:
+def check_design(certificate: KitchenCertificate, design: KitchenDesign, path: Path) -> None:
     """Raises a ValueError unless the certificate that a file has for a design is of this design."""
     if certificate.digest != design_digest(design):
         raise ValueError(

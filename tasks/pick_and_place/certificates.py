@@ -1,13 +1,65 @@
 """Certificates of the tasks with objects: which of them the expert has completed in which kitchen.
 
-They are as those of generated kitchens, see `generated_kitchens.certificates`, and are kept beside them.
+Files are as those of generated kitchens, see `generated_kitchens.certificates`, with certificates of another kind.
 """
 
-from collections.abc import Collection
+import hashlib
+import json
+from pathlib import Path
 
-from kitchen_suite.entities.pick_and_place import PickAndPlaceKitchen
+import msgspec
+
+from kitchen_suite import files
+from kitchen_suite.entities.kitchen_designs import KitchenDesign
+from kitchen_suite.entities.object_layouts import ObjectLayout
+from kitchen_suite.tasks.generated_kitchens import certificates
+
+_SHIPPED = Path(__file__).parent / "certificates"
 
 
-def certified_tasks(scene: PickAndPlaceKitchen) -> Collection[str]:
-    """Returns the tasks that the expert completed in a kitchen."""
-    raise NotImplementedError
+class ObjectCertificate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The tasks with objects that the expert completed in a kitchen, of those that it tried.
+
+    Attributes:
+      design: its number in the split.
+      digest: of its design, see `certificates.design_digest`.
+      layout: of its objects, see `layout_digest`.
+      physics: one of `physics_names.PHYSICS`, in which the expert played.
+      steps: control steps in which the expert completed each task in the slower of two episodes; None where it did not
+        complete it in both.
+    """
+
+    design: int
+    digest: str
+    layout: str
+    physics: str
+    steps: dict[str, int | None]
+
+    @property
+    def certified(self) -> tuple[str, ...]:
+        """The tasks that the expert completed."""
+        return tuple(task for task, steps in self.steps.items() if steps is not None)
+
+
+def layout_digest(layout: ObjectLayout) -> str:
+    """Returns the first 16 hexadecimal digits of the SHA-256 of a layout's JSON."""
+    return hashlib.sha256(json.dumps(layout.to_json(), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def default_path(split: str) -> Path | None:
+    """Returns the file of a split in the user's cache folder; None if there is no such folder."""
+    folder = files.cache_folder()
+    return None if folder is None else folder / f"object_certificates_{split}.jsonl"
+
+
+def certified_tasks(design: KitchenDesign, layout: ObjectLayout) -> tuple[str, ...]:
+    """Returns the tasks that the expert completed in a kitchen with a layout of its objects.
+
+    Raises a ValueError if there is no certificate of the kitchen and this layout, and an OSError for a damaged file.
+    """
+    found = certificates.find(design, ObjectCertificate, _SHIPPED, default_path, domain="pick_and_place")
+    if found.layout != layout_digest(layout):
+        raise ValueError(
+            f"the certificate of kitchen {design.name} is of other objects: leave out objects or certified"
+        )
+    return found.certified

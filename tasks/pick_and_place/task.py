@@ -268,6 +268,6 @@ class PickAndPlaceTask(SuiteTask):
 def _allowed(scene: PickAndPlaceKitchen, certified: bool | Sequence[str]) -> Collection[str] | None:
     """Returns the tasks that episodes may ask for; None for all."""
     if isinstance(certified, bool | np.bool_):
-        return certified_tasks(scene) if certified else None
+        return certified_tasks(scene.design, scene.layout) if certified else None
     known = tasks_of(scene, [*VERBS])
     return [checks.choice(name, known, "certified task") for name in checks.unique_names(certified, "certified")]

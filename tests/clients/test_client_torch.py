@@ -1,7 +1,7 @@
 """PyTorch and images in one process, in any order: PyTorch's triton and Mesa's driver each bring an LLVM.
 
-`bash .ci/stage torch` runs these tests beside PyTorch as PyPI serves it, which brings triton. Its build for the CPU has
-none, beside which the stage `clients` runs a few of them.
+`bash .ci/stage torch` runs these tests beside PyTorch as PyPI serves it, which brings triton, and the stage `clients`
+beside its build for the CPU, which has none.
 """
 
 import itertools
@@ -53,15 +53,9 @@ ORDERS = [
     *PAIRS,
     ("image", "dm_control", "train", "vector", "make"),
 ]
-# One order beside a build of PyTorch without triton, in which nothing clashes.
-ALSO_WITHOUT = ("make", "train", "image")
 
 
-@pytest.mark.parametrize(
-    "order",
-    [pytest.param(order, marks=pytest.mark.clients if order == ALSO_WITHOUT else ()) for order in ORDERS],
-    ids=" ".join,
-)
+@pytest.mark.parametrize("order", ORDERS, ids=" ".join)
 def test_no_order_of_training_and_images_ends_the_process(order, tmp_path):
     code = "import gymnasium\n" + "".join(STEPS[step] for step in order)
     status, _, err = run(code, folder=tmp_path)
@@ -112,7 +106,6 @@ def test_a_program_makes_trains_films_and_evaluates_in_any_order_of_imports(orde
     assert (tmp_path / "film.mp4").stat().st_size > 1000
 
 
-@pytest.mark.clients
 def test_kitchen_train_films_beside_its_training(tmp_path):
     code = (
         "from kitchen_suite.commands import train\n"

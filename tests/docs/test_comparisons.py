@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from docs_scripts import load_script
 
+import kitchen_suite
+
 
 @pytest.fixture
 def comparisons():
@@ -55,3 +57,12 @@ def test_the_bars_hold_in_what_was_measured(comparisons):
             assert (row["pairs"], 0.93 <= row["coverage"] <= 0.97) == (2_000, True)
     for row in load_script("experiments/experiment").read_rows(comparisons.RESULTS / "comparison_kitchens.json"):
         assert (row["pairs"], row["alarms"] <= 0.06) == (2_000, True)
+
+
+@pytest.mark.parametrize(("seeds", "shown"), [((1, 2, 3), (0.04, "a")), ((1, 2, 3, 4, 5), (0.07, None))])
+def test_the_example_shows_a_difference_by_three_seeds_and_none_by_five(comparisons, seeds, shown):
+    """As the page says of its example."""
+    folder = comparisons.RESULTS / "comparison"
+    a, b = ([folder / f"{name}_{seed}.json" for seed in seeds] for name in ("gain", "dense"))
+    comparison = kitchen_suite.compare_methods(a, b)
+    assert (pytest.approx(comparison.p_value, abs=0.005), comparison.better) == shown

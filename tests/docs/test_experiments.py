@@ -146,9 +146,9 @@ def _values(flags):
 @pytest.mark.clients
 def test_the_policy_for_unseen_kitchens_is_trained_and_shipped(tmp_path, monkeypatch):
     script = load_script("experiments/unseen_kitchens")
-    values = {"KITCHENS": 2, "EPISODES": 2, "STEPS": 4, "SHIPPED": tmp_path / "shipped"}
-    for name, value in values.items():
-        monkeypatch.setattr(script, name, value)
+    small = script.KINDS["kitchens"]._replace(kitchens=2, episodes=2, steps=4)
+    monkeypatch.setitem(script.KINDS, "kitchens", small)
+    monkeypatch.setattr(script, "SHIPPED", tmp_path / "shipped")
     monkeypatch.setattr(script, "in_processes", map)
     script.SHIPPED.mkdir()
     folder = tmp_path / "runs"

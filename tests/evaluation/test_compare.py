@@ -17,7 +17,7 @@ from kitchen_suite.commands import evaluate as evaluate_command
 from kitchen_suite.evaluation import side_by_side
 from kitchen_suite.evaluation.compare import PairedComparison, adjusted_p_values, all_as_json, compare_all
 from kitchen_suite.evaluation.paired_scores import PairedScore, conclusion
-from kitchen_suite.evaluation.text import format_comparison, format_comparisons, format_totals, label
+from kitchen_suite.evaluation.text import format_comparison, format_comparisons, format_totals, label, p_text
 
 SMALL = ["--num_episodes=3", "--max_episode_steps=4", "--num_envs=3"]
 
@@ -210,6 +210,72 @@ def test_conditions_of_shift_are_compared_with_the_control_arm():
     assert evaluated().shifts == evaluated(protocol="d4rl").shifts == {}
 
 
+def reached(evaluation, steps):
+    """The evaluation, whose episodes succeed at these control steps of each condition."""
+    results = {
+        name: [
+            dataclasses.replace(each, success=step is not None, success_at_end=step is not None, steps_to_success=step)
+            for each, step in zip(results, steps, strict=True)
+        ]
+        for name, results in evaluation.results.items()
+    }
+    return dataclasses.replace(evaluation, results=results)
+
+
+def test_steps_to_success_are_compared_where_both_succeed():
+    one = reached(evaluated(), (10, 20, 30, 40, None, 90))
+    other = reached(evaluated(), (15, 20, 50, 43, 7, None))
+    comparison = kitchen_suite.compare(one, other)
+    score = comparison.scores["steps_to_success"]
+    # By hand: 5, 0, 20 and 3 steps sooner in the first four episodes.
+    assert (score.episodes, score.a, score.b, score.difference) == (4, 25.0, 32.0, -7.0)
+    assert -20.0 <= score.interval[0] < -7.0 < score.interval[1] <= 0.0
+    assert comparison.as_json()["steps_to_success_difference"] == -7.0
+    assert re.search(r"^steps to success \(4 episodes\) +25 +32 +-7 +-", format_comparison(comparison), flags=re.M)
+    several = format_comparisons(compare_all([one, other, one]))
+    assert re.search(r" \(4 episodes\) +25 +32 +-7 +-", several)
+    assert re.search(r" \(4 episodes\) +32 +25 +\+7 +", several)
+    swapped = kitchen_suite.compare(other, one).scores["steps_to_success"]
+    assert (swapped.difference, swapped.episodes) == (7.0, 4)
+
+
+def test_conditions_of_shift_are_compared_with_the_control_arm_where_both_succeed():
+    evaluation = reached(evaluated(protocol="shift"), (10, 20, None, None, None, None))
+    layout = reached(evaluated(protocol="shift"), (None, None, 30, 30, 30, 30)).results["layout seen"]
+    push = reached(evaluated(protocol="shift"), (30, None, 30, 30, 30, 30)).results["push"]
+    evaluation = dataclasses.replace(evaluation, results={**evaluation.results, "layout seen": layout, "push": push})
+    assert "steps_to_success" not in evaluation.shifts["layout seen"]
+    assert evaluation.shifts["push"]["steps_to_success"].difference == 20.0
+    *_, table = format_totals(evaluation).split("\n\n")
+    assert table.startswith("steps to success, less that of 'none' in pairs")
+    assert re.search(r"^push \(1 episode\) +\+20", table, flags=re.M)
+    assert "layout seen" not in table
+
+
+def test_without_an_episode_in_which_both_succeed_there_are_no_steps_to_success():
+    one, other = reached(evaluated(), (10, None) * 3), reached(evaluated(), (None, 10) * 3)
+    assert "steps_to_success" not in kitchen_suite.compare(one, other).scores
+    assert "steps_to_success" not in kitchen_suite.compare(evaluated(), evaluated()).scores
+
+
+def test_steps_to_success_in_kitchens_have_the_interval_of_whole_kitchens():
+    one, other = kitchens([]), kitchens([])
+    one, other = reached(one, (10, 20, 30, None)), reached(other, (10, 20, 30, 40))
+    (name, *others) = one.results
+    slow = [dataclasses.replace(each, steps_to_success=each.episode + 50) for each in one.results[name]]
+    failed = {
+        each: [dataclasses.replace(result, steps_to_success=None) for result in one.results[each]]
+        for each in others[:90]
+    }
+    one = dataclasses.replace(one, results={**one.results, name: slow, **failed})
+    score = kitchen_suite.compare(one, other).scores["steps_to_success"]
+    # Four episodes of one kitchen, 40, 31, 22 and 13 steps later, and three each of nine kitchens, at the same time.
+    assert score.episodes == 4 + 9 * 3
+    assert score.difference == pytest.approx((40 + 31 + 22 + 13) / 31)
+    # Of ten kitchens, one draw in three lacks that one.
+    assert score.interval[0] == 0.0
+
+
 @pytest.mark.parametrize("package", ["mujoco", "kitchen-suite"])
 def test_other_versions_are_refused(package):
     one = evaluated()
@@ -381,6 +447,15 @@ def test_everything_printed_is_in_the_json(count, table_format):
     # The level of the intervals, that of p-values, and the number of pairs.
     known = numbers_in(record) | {"95", "0.05", str(len(comparisons))}
     assert {*re.findall(r"\d+(?:\.\d+)?", text)} <= known
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(2.13e-16, "2.1e-16"), (0.0035, "0.0035"), (0.0473, "0.047"), (0.123, "0.12"), (1.0, "1.00"), (None, "")],
+)
+def test_p_values_have_two_digits(value, shown):
+    """So that one below 0.05 is not shown as 0.05."""
+    assert p_text(value) == shown
 
 
 def test_latex_has_tables_and_comments_alone():

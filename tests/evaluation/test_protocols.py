@@ -43,7 +43,7 @@ IN_ORDER = {"tasks_in_order": True}
 EXACTLY = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "terminate_on_tasks_completed": False}
 
 # Protocols with goals or many steps, whose tests take longer.
-LONG = ("beso", "goal-reaching", "unseen-kitchens")
+LONG = ("beso", "goal-reaching", "unseen-kitchens", "unseen-pick-and-place")
 
 # Task and arguments of each condition, first seed, episodes, control steps, score.
 LITERAL = {
@@ -138,6 +138,26 @@ LITERAL = {
         400_000_000,
         4,
         280,
+        None,
+    ),
+    "unseen-pick-and-place": (
+        [
+            (
+                "any",
+                {
+                    "design": design,
+                    "split": "test",
+                    "certified": True,
+                    "num_slots": 2,
+                    "control_mode": "ee_delta_pose",
+                    "physics": "fast",
+                },
+            )
+            for design in range(100)
+        ],
+        400_000_000,
+        4,
+        500,
         None,
     ),
 }

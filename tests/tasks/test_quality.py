@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from dm_control import mjcf
 from dm_control.entities.props.primitive import Primitive
+from docs_scripts import load_script
 from gymnasium.utils.env_checker import data_equivalence
 from helpers.contacts import forces_by_hand
 from helpers.errors import refused
@@ -315,6 +316,41 @@ def test_kitchens_keep_a_place_for_each_part_that_any_of_them_may_have():
         objects = load("kitchens", design=design).task.meter.objects
         assert len(objects) == MAX_PARTS
         assert "" in objects
+
+
+@pytest.fixture
+def lever(monkeypatch):
+    """The example of a domain, registered, whose infos name one term of the reward alone."""
+    module = load_script("examples/my_domain")
+
+    def info(mdp, state):
+        return {"pushed": np.array(state.terms["push"]), "is_success": np.abs(state.angle[..., 0]) > module.PUSHED}
+
+    monkeypatch.setattr(module.LeverMDP, "info", info)
+    suite.register(module.LEVER)
+    yield module.LEVER
+    del suite._domains[module.LEVER.name]
+    for env_id in {module.LEVER.env_id, *module.LEVER.task_ids.values()}:
+        del gymnasium.registry[env_id]
+
+
+def test_infos_may_name_a_term_of_the_reward_while_success_is_kept(lever):
+    env, plain = (gymnasium.make(lever.env_id, quality=quality) for quality in (True, False))
+    envs = gymnasium.make_vec(lever.env_id, 2, num_threads=1, quality=True)
+    envs.reset(seed=0)
+    for each in (env, plain):
+        each.reset(seed=0)
+        *_, info = each.step(np.zeros(8, np.float32))
+        assert not info["is_success"]
+    *_, many = envs.step(np.zeros((2, 8), np.float32))
+    assert env.unwrapped.environment.task.reward_terms["push"] == many["pushed"][0] > 0.0
+    infos = []
+    for each in (env, plain):
+        each.unwrapped.environment.physics.named.data.qpos["lever/hinge"] = 1.0
+        *_, info = each.step(np.zeros(8, np.float32))
+        infos.append(info)
+    assert infos[0]["pushed"] == infos[1]["pushed"] > 1.0
+    assert (infos[0]["steps_to_success"], infos[0]["success_at_end"]) == (2, True)
 
 
 def test_an_object_of_a_user_counts_in_single_and_vectorised_environments():

@@ -1,11 +1,10 @@
 """The expert of objects in generated kitchens: it opens what is closed, grasps an object, carries it and lets it go."""
 
 import collections
-import dataclasses
 import functools
 import itertools
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Self
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import mink
 import mujoco
@@ -14,17 +13,17 @@ from dm_control import mjcf
 
 from kitchen_suite.entities.generated_kitchen import MAX_PARTS
 from kitchen_suite.entities.kitchen_designs import SHOULDER, KitchenDesign
-from kitchen_suite.entities.object_layouts import MAX_OBJECTS, MAX_PLACES, OBJECT_KINDS, ObjectLayout
+from kitchen_suite.entities.object_layouts import ObjectLayout
 from kitchen_suite.entities.pick_and_place import build_pick_and_place
-from kitchen_suite.entities.places import PLACE_KINDS, ROOM, SURFACES
 from kitchen_suite.entities.scenes import robot_base
 from kitchen_suite.policies.experts import generated_kitchens as kitchens
-from kitchen_suite.policies.experts import skills
+from kitchen_suite.policies.experts import grasps, skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
+from kitchen_suite.policies.experts.grasps import End, Thing, orientation, things
 from kitchen_suite.policies.experts.kinematics import ARM
 from kitchen_suite.policies.experts.kitchen import arm_model
-from kitchen_suite.policies.experts.skills import HandOrientation, Move, Skill
+from kitchen_suite.policies.experts.path_planning import connect
 from kitchen_suite.policies.experts.trajectories import (
     OUT_OF_REACH,
     HandSpeedLimits,
@@ -35,38 +34,23 @@ from kitchen_suite.policies.experts.trajectories import (
 from kitchen_suite.tasks.control_modes.registry import make_mode
 from kitchen_suite.tasks.generated_kitchens.slots import SLOT_SIZE, SLOT_SLICES
 from kitchen_suite.tasks.kitchen.control_modes import CONTROL_MODES, POSITION_HIGH, POSITION_LOW
-from kitchen_suite.tasks.pick_and_place.mdp import OBJECT_SIZE, OBJECT_SLICES, PLACE_SIZE, PLACE_SLICES, SLICES, size
+from kitchen_suite.tasks.pick_and_place.mdp import SLICES, size
 from kitchen_suite.tasks.pick_and_place.task import PickAndPlaceTask
 from kitchen_suite.types import Array
 
-_UP = np.array([0.0, 0.0, 1.0])
-DEBUG = bool(__import__("os").environ.get("DEBUG"))
-
-FROM_ABOVE = SURFACES | {"drawer"}  # Kinds of places that the hand reaches from above.
-
-_LEAST_BEFORE = 0.33  # Least distance from the robot's axis at which the hand turns towards a place with a front [m].
-_FAR, _LIFT = 0.1, 0.1  # Distances before a grasp and above it [m].
 _ENTRIES = (0.3, 0.2, 0.4)  # Distances from which the hand moves straight into a place with a front [m].
 _ABOVE = 0.006  # Height above its support at which an object is let go [m].
-_CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.18, 0.1, 0.25  # Speeds of the hand [m/s].
 _JOINT_SHARE = 0.5  # Share of the joints' greatest speeds with which objects are carried.
 _TURN_SPEED = 1.2  # Speed with which the hand turns what it carries [rad/s].
+_FEW = 3  # Number of joint positions at which the robot may brush against something where it cannot do without.
 _LEAST_UPRIGHT = 0.6  # Least cosine of the tilt of what is carried.
-_STEP = 0.3  # Greatest motion of a joint in a step of a tree [rad].
-_ITERATIONS, _SHORTCUTS = 150, 60  # Numbers of samples by which trees grow, and of shortcuts that are tried.
-_CLOSE_STEPS, _OPEN_STEPS, _REST_STEPS = 9, 6, 3  # Control steps in which fingers close and open, and the hand rests.
 _ATTEMPTS = 4  # Number of motions that are tried for an object.
 _SETTLE_STEPS = 8  # Control steps from the end of a trajectory to the failure of its task.
-_NEAR = 0.42  # Distance from the robot's axis at which the hand carries objects past what stands around it [m].
 
 # Pitches of the hand below the horizontal, and azimuths relative to the usual one, that are tried [rad].
 _STEEP = tuple(np.radians([90.0, 65.0, 45.0, 25.0]).tolist())
 _FLAT = tuple(np.radians([25.0, 12.0, 40.0, 0.0]).tolist())
-_TURNS = tuple(np.radians([0.0, 20.0, -20.0, 45.0, -45.0]).tolist())
 
-_STEEPEST, _HALF_STEEP = 1.2, 0.6  # Pitches from which the hand comes from above, and half from above [rad].
-_RAISED = 0.02  # Height above its support at which an object is moved into a place with a front, or out of it [m].
-_LEAVING = 0.12  # How far the hand moves back from what it has let go [m].
 _HAND_LENGTH = 0.2  # From the wrist to the finger tips [m].
 _WRIST_REACH = 0.8  # Distance of the wrist from the shoulder beyond which no posture is looked for [m].
 _SEEDS = 3  # Number of postures from which inverse kinematics starts for a pose of the hand.
@@ -74,213 +58,11 @@ _PER_PITCH = 4  # Number of poses that are kept for a pitch of the hand.
 _TRIED = 16  # Number of poses that are tried for a pitch of the hand.
 _FOUND = 3  # Number of motions of which the shortest is made.
 _MOST = 16  # Number of pairs of a grasp and a place that are tried.
-_MARGIN = 0.008  # Distance that counts as a contact of the arm [m].
+_MARGIN = 0.004  # Distance that counts as a contact of the arm [m].
 _CHECKED = 0.1  # Spacing of the joint positions at which a path is checked for collisions [rad].
 _DEPTHS = (0.1, 0.07, 0.14)  # Depths behind the front of a place with a front at which an object is put [m].
-_PALM = 0.012  # How far before the axis of a can the hand grasps it from the side [m].
+_SAME_PLACE = 0.03  # Distance between the middles of two places that are the same [m].
 _BESIDE = 0.09  # Distance from the middle of a place at which an object is put beside another one [m].
-
-
-class Thing(NamedTuple):
-    """An object, as it is observed.
-
-    Attributes:
-      row: of the observation's objects.
-      kind: one of `OBJECT_KINDS`.
-      base: middle of its lower face, `(3,)` [m].
-      x_axis: its x axis, `(3,)`.
-      goal_kind: one of `PLACE_KINDS`; empty where it is not requested.
-      goal: middle of the support of its place, `(3,)` [m].
-      goal_half_size: half sizes of its place, `(3,)` [m].
-      within: support and half sizes of the place with a front in which it stands, `(2, 3)` [m]; None for none.
-    """
-
-    row: int
-    kind: str
-    base: Array
-    x_axis: Array
-    goal_kind: str
-    goal: Array
-    goal_half_size: Array
-    within: Array | None
-
-    @property
-    def is_done(self) -> bool:
-        """Whether it is where it is to be."""
-        offset = np.abs(self.base - self.goal)
-        inside = offset[:2] <= self.goal_half_size[:2] + 0.002
-        return bool(inside.all() and -0.02 < self.base[2] - self.goal[2] < 0.06)
-
-
-def things(observation: Array) -> list[Thing]:
-    """Returns the objects of a flat observation, requested ones first."""
-    found = []
-    rows = observation[SLICES["objects"]].reshape(MAX_OBJECTS, OBJECT_SIZE)
-    fronts = _places_with_fronts(observation)
-    for number, row in enumerate(rows):
-        part = {name: row[where] for name, where in OBJECT_SLICES.items()}
-        if not part["kind"].any():
-            continue
-        centre = part["position"] + robot_base()
-        requested = part["requested"][0] > 0.5
-        kind = OBJECT_KINDS[int(part["kind"].argmax())]
-        inside = [place for place in fronts if (np.abs(centre - place[0])[:2] < place[1, :2]).all()]
-        inside = [place for place in inside if 0.0 < centre[2] - place[0, 2] < ROOM]
-        found.append(
-            Thing(
-                row=number,
-                kind=kind,
-                base=_base(kind, centre, part["x_axis"], part["z_axis"], part["half_size"]),
-                x_axis=part["x_axis"],
-                goal_kind=PLACE_KINDS[int(part["goal_kind"].argmax())] if requested else "",
-                goal=part["goal_position"] + robot_base(),
-                goal_half_size=part["goal_half_size"],
-                within=next(iter(inside), None),
-            )
-        )
-    return found
-
-
-def _places_with_fronts(observation: Array) -> list[Array]:
-    """Returns the supports and half sizes `(2, 3)` of the cabinets and microwaves of a flat observation [m]."""
-    rows = observation[SLICES["places"]].reshape(MAX_PLACES, PLACE_SIZE)
-    found = []
-    for row in rows:
-        kind = row[PLACE_SLICES["kind"]]
-        if kind.any() and PLACE_KINDS[int(kind.argmax())] not in FROM_ABOVE:
-            found.append(np.stack([row[PLACE_SLICES["position"]] + robot_base(), row[PLACE_SLICES["half_size"]]]))
-    return found
-
-
-# Where the box of a mug is beside its frame, because of the handle [m].
-_MUG_OFFSET = 0.016
-
-
-def _base(kind: str, centre: Array, x_axis: Array, z_axis: Array, half_size: Array) -> Array:
-    """Returns the origin of an object's frame, from the middle of its box."""
-    offset = _MUG_OFFSET if kind == "mug" else 0.0
-    base: Array = centre - z_axis * half_size[2] - x_axis * offset
-    return base
-
-
-class End(NamedTuple):
-    """A pose of the hand at the beginning or at the end of a carry.
-
-    Attributes:
-      pitch: of the approach below the horizontal [rad].
-      azimuth: direction of the approach seen from above [rad].
-      at: position of the hand, `(3,)` [m].
-      start: position from which the hand moves straight there, `(3,)` [m].
-      has_front: whether it is in a place with a front.
-      joints: joint positions of the arm at the start, `(7,)` [rad].
-    """
-
-    pitch: float
-    azimuth: float
-    at: Array
-    start: Array
-    has_front: bool
-    joints: Array
-
-    @classmethod
-    def make(cls, pitch: float, azimuth: float, at: Array, entry: float, start: Array) -> Self:
-        """Returns a pose without joint positions; `entry` is the distance from the front, 0 for a place without one."""
-        return cls(pitch, azimuth, at, _outside(at, azimuth, entry) if entry else start, entry > 0.0, np.zeros(7))
-
-    @property
-    def hand(self) -> HandOrientation:
-        """Orientation of the hand."""
-        return orientation(self.azimuth, self.pitch)
-
-    def pose(self, position: Array) -> mink.SE3:
-        """Returns the pose of the hand at a position in this orientation."""
-        return mink.SE3.from_rotation_and_translation(self.hand.rotation, position)
-
-    def grasping(self) -> Skill:
-        """Returns the motions that grasp an object here and lift it."""
-        moves = [
-            _move(self.start, self, skills.OPEN, settle=_REST_STEPS, free=True),
-            _move(self.at, self, skills.OPEN, speed=_APPROACH_SPEED, settle=_REST_STEPS),
-            _move(self.at, self, skills.CLOSED, settle=_CLOSE_STEPS),
-        ]
-        if self.has_front:
-            moves.append(_move(self.at + _RAISED * _UP, self, skills.CLOSED, speed=_CARRY_SPEED))
-            moves.append(_move(self.start, self, skills.CLOSED, speed=_CARRY_SPEED))
-        else:
-            moves.append(_move(self.at + _LIFT * _UP, self, skills.CLOSED, speed=_CARRY_SPEED))
-        return Skill(moves=tuple(moves), ik_seed=tuple(self.joints.tolist()))
-
-    def placing(self) -> Skill:
-        """Returns the motions that put an object down here, let it go and leave."""
-        away = self.at - _LEAVING * np.array(self.hand.approach)
-        moves = [_move(self.start, self, skills.CLOSED, settle=_REST_STEPS)]
-        if self.has_front:
-            moves.append(_move(self.at + _RAISED * _UP, self, skills.CLOSED, speed=_CARRY_SPEED))
-        moves += [
-            _move(self.at, self, skills.CLOSED, speed=_PLACE_SPEED, settle=_REST_STEPS),
-            _move(self.at, self, skills.OPEN, settle=_OPEN_STEPS),
-            _move(away, self, skills.OPEN, speed=_APPROACH_SPEED),
-        ]
-        if self.has_front:
-            moves.append(_move(self.start, self, skills.OPEN, speed=_APPROACH_SPEED))
-        return Skill(moves=tuple(moves), ik_seed=tuple(self.joints.tolist()))
-
-
-def orientation(azimuth: float, pitch: float) -> HandOrientation:
-    """Returns the orientation of a hand whose fingers open sideways, by the direction of its approach [rad]."""
-    ahead = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    approach = np.cos(pitch) * ahead - np.sin(pitch) * _UP
-    return HandOrientation(approach=skills.vector(approach), spread=skills.vector(np.cross(_UP, ahead)))
-
-
-def _move(
-    position: Array, end: End, fingers: float, *, speed: float = 0.5, settle: int = 0, free: bool = False
-) -> Move:
-    return Move(
-        position=skills.vector(position),
-        orientation=end.hand,
-        fingers=fingers,
-        speed=speed,
-        settle_steps=settle,
-        in_free_space=free,
-    )
-
-
-def _hold(thing: Thing, pitch: float) -> tuple[Array, list[float]]:
-    """Returns the hand's position relative to an object's base, in the frame of the hand's azimuth, and azimuths [rad].
-
-    A can and a bottle are grasped from any side, a carton across its short side, a mug by its handle.
-    """
-    is_steep = pitch > _HALF_STEEP
-    radial = _azimuth(thing.base - robot_base())
-    axis = float(np.arctan2(thing.x_axis[1], thing.x_axis[0]))
-    sides = [radial + turn for turn in _TURNS]
-    # The palm stays clear of what is grasped from the side.
-    back = 0.0 if pitch > _STEEPEST else -_PALM
-    match thing.kind:
-        case "can":
-            return np.array([back, 0.0, 0.065]), sides
-        case "bottle":
-            return np.array([back, 0.0, 0.138 if is_steep else 0.06]), sides
-        case "carton":
-            ahead = axis if np.cos(axis - radial) > 0.0 else axis + np.pi
-            return np.array([-0.032 if pitch < _STEEPEST else 0.0, 0.0, 0.068]), [ahead]
-        case _:
-            return np.array([-0.062, 0.0, 0.06 if is_steep else 0.048]), [axis + np.pi]
-
-
-def _outside(point: Array, azimuth: float, distance: float) -> Array:
-    """Returns the point at a distance before one in a place with a front, from which the hand moves straight in [m]."""
-    ahead = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    along = float((point - robot_base()) @ ahead)
-    return point - min(distance, max(along - _LEAST_BEFORE, 0.1)) * ahead + _RAISED * _UP
-
-
-def _near(point: Array, height: float) -> Array:
-    """Returns the point near the robot, in the direction of another one, at a height [m]."""
-    offset = point[:2] - robot_base()[:2]
-    distance = max(float(np.linalg.norm(offset)), 1e-6)
-    return np.append(robot_base()[:2] + offset / distance * min(distance, _NEAR), height)
 
 
 class ObjectExpert(Expert):
@@ -323,14 +105,16 @@ class ObjectExpert(Expert):
         closed = self._closed_part(observation)
         if closed is not None:
             return self._opening(closed, observation, joints)
-        asked = (thing for thing in things(observation) if thing.goal_kind and not thing.is_done)
+        asked = (thing for thing in things(observation) if thing.goal_kind and thing.is_upright and not thing.is_done)
         pending = [thing for thing in asked if self._failures[thing.row] < _ATTEMPTS]
         if not pending:
             return None if self._trajectory is not None else JointTrajectory.stationary(joints, skills.OPEN)
         thing = min(pending, key=lambda each: self._failures[each.row])
         self._present = thing.row
         self._kitchen.see(observation)
-        motion = self._kitchen.motion(thing, joints, self.encoder.limits, self._failures[thing.row])
+        jitter = self._style.jitter
+        offset = self._generator.uniform(-jitter, jitter, 3) if jitter else np.zeros(3)
+        motion = self._kitchen.motion(thing, joints, self.encoder.limits, self._failures[thing.row], offset)
         # Others are looked for in the next attempt.
         return motion or JointTrajectory.stationary(joints, self._fingers)
 
@@ -369,10 +153,12 @@ class PlannedEnd(NamedTuple):
     Attributes:
       end: pose of the hand.
       trajectory: from before it on.
+      touches: number of joint positions at which the robot touches something.
     """
 
     end: End
     trajectory: JointTrajectory
+    touches: int
 
     def distance(self, place: "PlannedEnd") -> float:
         """Returns the greatest motion of a joint from the end of this one to the start of another one [rad]."""
@@ -385,53 +171,9 @@ def _slowed(limits: JointSpeedLimits) -> HandSpeedLimits:
         joint_speed=tuple((_JOINT_SHARE * np.array(limits.joint_speed)).tolist()),
         timestep=limits.timestep,
         kinematics=arm_model().kinematics,
-        linear_speed=_CARRY_SPEED,
+        linear_speed=grasps.CARRY_SPEED,
         angular_speed=_TURN_SPEED,
     )
-
-
-# A tree of joint positions `(7,)`, each with the index of the one before it.
-Tree = list[tuple[Array, int]]
-
-
-def _extend(tree: Tree, sample: Array, free: Callable[[Array, Array], bool]) -> int | None:
-    """Grows a tree by a step towards a sample; returns the index of the new node, None if something is in the way."""
-    nearest = int(np.argmin([np.abs(node - sample).max() for node, _ in tree]))
-    start = tree[nearest][0]
-    distance = float(np.abs(sample - start).max())
-    end = sample if distance <= _STEP else start + (sample - start) * _STEP / distance
-    if not free(start, end):
-        return None
-    tree.append((end, nearest))
-    return len(tree) - 1
-
-
-def _reach(tree: Tree, target: Array, free: Callable[[Array, Array], bool]) -> int | None:
-    """Grows a tree up to a target; returns the index of the node there, None if something is in the way."""
-    while (node := _extend(tree, target, free)) is not None:
-        if np.array_equal(tree[node][0], target):
-            return node
-    return None
-
-
-def _branch(tree: Tree, node: int) -> list[Array]:
-    """Returns the nodes from one to the root of its tree."""
-    found = []
-    while node >= 0:
-        joints, node = tree[node]
-        found.append(joints)
-    return found
-
-
-def _shortened(path: list[Array], free: Callable[[Array, Array], bool], generator: np.random.Generator) -> list[Array]:
-    """Returns a path without the detours that straight motions between its nodes spare."""
-    for _ in range(_SHORTCUTS):
-        if len(path) < 3:
-            break
-        start, end = np.sort(generator.choice(len(path), 2, replace=False)).tolist()
-        if end - start > 1 and free(path[start], path[end]):
-            path = [*path[: start + 1], *path[end:]]
-    return path
 
 
 class _ObjectKitchen:
@@ -454,23 +196,38 @@ class _ObjectKitchen:
         ]
         self._part_columns = [None if joint is None else int(physics.bind(joint).qposadr) for joint in joints]
         physics.model.geom_margin[self._robot & ~self._fingers] = _MARGIN
+        # Of places with parts, the middle of the support when they stand wide open, and columns and positions of these.
+        self._opened: list[tuple[Array, list[tuple[int, float]]]] = []
+        for place in built.places:
+            found = [built.joint_of(name) for name in place.parts]
+            wide = [float(max(physics.bind(joint).range, key=abs)) for joint in found]
+            shift = built.into(place) * -abs(wide[0]) if place.moves else 0.0
+            columns = [int(physics.bind(joint).qposadr) for joint in found]
+            if found:
+                self._opened.append((place.centre + shift, [*zip(columns, wide, strict=True)]))
 
     def see(self, observation: Array) -> None:
-        """Sets parts and objects as they are observed."""
+        """Sets parts and objects as they are observed; parts of places that are asked for and not observed are open."""
         self._qpos = self._physics.model.ptr.qpos0.copy()
+        self._things = things(observation)
+        asked = [thing for thing in self._things if thing.goal_kind]
+        for middle, positions in self._opened:
+            supports = [thing.goal for thing in asked] + [each.within[0] for each in asked if each.within is not None]
+            if any(np.linalg.norm(middle - support) < _SAME_PLACE for support in supports):
+                for place, opened in positions:
+                    self._qpos[place] = opened
         for row in observation[SLICES["slots"]].reshape(-1, SLOT_SIZE):
             if not row[SLOT_SLICES["kind"]].any():
                 continue
             slot = self._parts.find(row).slot
             if (column := self._part_columns[slot]) is not None:
                 self._qpos[column] = self._parts.slots.opened[slot] * row[SLOT_SLICES["opening"].start]
-        self._things = things(observation)
         # Observed objects by their index in the layout: the nearest of their kind.
         self._numbers = self._match(self._things)
         for thing, number in zip(self._things, self._numbers, strict=True):
             column = self._columns[number]
             yaw = np.arctan2(thing.x_axis[1], thing.x_axis[0])
-            self._qpos[column : column + 3] = thing.base + 0.002 * _UP
+            self._qpos[column : column + 3] = thing.base + 0.002 * grasps.UP
             self._qpos[column + 3 : column + 7] = np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)
 
     def _match(self, seen: Sequence[Thing]) -> list[int]:
@@ -483,34 +240,35 @@ class _ObjectKitchen:
             numbers.append(number)
         return numbers
 
-    def motion(self, thing: Thing, start: Array, limits: JointSpeedLimits, attempt: int) -> JointTrajectory | None:
+    def motion(
+        self, thing: Thing, start: Array, limits: JointSpeedLimits, attempt: int, offset: Array
+    ) -> JointTrajectory | None:
         """Returns a motion from joint positions `(7,)` that puts an object where it is to be; None if none is found.
 
-        The robot, and what it carries, touch nothing on the way. Each attempt looks elsewhere.
+        The robot, and what it carries, touch nothing on the way. Each attempt looks elsewhere. The hand comes to the
+        grasp from a place that is displaced by an offset `(3,)` [m].
         """
         generator = np.random.default_rng(attempt)
         number = self._numbers[thing.row]
         # What is held slips where the hand turns as fast as the joints can.
         slow = _slowed(limits)
-        grasps = self._planned(number, self._ends_at(thing, generator), slow, is_grasp=True)
-        places = self._planned(number, self._ends_in(thing, generator), slow, is_grasp=False)
-        pairs = [(grasp, place) for grasp in grasps for place in places if grasp.end.pitch == place.end.pitch]
-        pairs.sort(key=lambda pair: pair[0].distance(pair[1]))
+        found_grasps = self._planned(number, self._ends_at(thing, generator), slow, offset, is_grasp=True)
+        found_places = self._planned(number, self._ends_in(thing, generator), slow, np.zeros(3), is_grasp=False)
+        pairs = [
+            (grasp, place) for grasp in found_grasps for place in found_places if grasp.end.pitch == place.end.pitch
+        ]
+        pairs.sort(key=lambda pair: (pair[0].touches + pair[1].touches, pair[0].distance(pair[1])))
         found: list[JointTrajectory] = []
         ways: dict[int, list[Array] | None] = {}
-        if DEBUG:
-            print("  ", thing.kind, thing.goal_kind, "grasps", len(grasps), "places", len(places), "pairs", len(pairs))
         for grasp, place in pairs[:_MOST]:
             first = id(grasp)
             if first not in ways:
-                ways[first] = self._path(start, grasp.trajectory.knots[0], None, None, generator)
+                ways[first] = self._way(start, grasp.trajectory.knots[0], None, None, generator)
             way = ways[first]
             if way is None:
                 continue
             held = self._held(number, grasp)
-            carry = self._path(grasp.trajectory.knots[-1], place.trajectory.knots[0], number, held, generator)
-            if DEBUG:
-                print("      way", len(way), "carry", carry if carry is None else len(carry))
+            carry = self._way(grasp.trajectory.knots[-1], place.trajectory.knots[0], number, held, generator)
             if carry is None:
                 continue
             motion = JointTrajectory.stationary(start, skills.OPEN)
@@ -522,47 +280,26 @@ class _ObjectKitchen:
             found.append(motion.then(place.trajectory, slow))
             if len(found) == _FOUND:
                 break
-        if DEBUG:
-            print("    durations", [round(each.duration) for each in found])
         return min(found, key=lambda each: each.duration, default=None)
 
-    def _path(
+    def _way(
         self, first: Array, last: Array, number: int | None, held: mink.SE3 | None, generator: np.random.Generator
     ) -> list[Array] | None:
-        """Returns joint positions on a way on which nothing is touched, or None if none is found.
-
-        Two trees grow from both ends towards each other (RRT-Connect, Kuffner and LaValle, 2000); the way is then cut
-        short where it can be.
-        """
+        """Returns joint positions on a way on which nothing is touched, or None if none is found."""
 
         def free(start: Array, end: Array) -> bool:
             return not self._touches([start, end], number, held, first_only=True)
 
-        if free(first, last):
-            return []
-        trees: list[list[tuple[Array, int]]] = [[(first, -1)], [(last, -1)]]
-        for _ in range(_ITERATIONS):
-            middle = (first + last) / 2
-            sample = np.clip(middle + generator.normal(0.0, 1.0, 7), POSITION_LOW[ARM], POSITION_HIGH[ARM])
-            node = _extend(trees[0], sample, free)
-            if node is not None:
-                target = trees[0][node][0]
-                other = _reach(trees[1], target, free)
-                if other is not None:
-                    here, there = _branch(trees[0], node), _branch(trees[1], other)
-                    path = [*here[::-1], *there]
-                    path = path if np.array_equal(path[0], first) else path[::-1]
-                    return _shortened(path, free, generator)[1:-1]
-            trees.reverse()
-        return None
+        return connect(first, last, free, (POSITION_LOW[ARM], POSITION_HIGH[ARM]), generator)
 
     def _planned(
-        self, number: int, ends: Sequence[End], limits: JointSpeedLimits, *, is_grasp: bool
+        self, number: int, ends: Sequence[End], limits: JointSpeedLimits, offset: Array, *, is_grasp: bool
     ) -> list[PlannedEnd]:
         """Returns those of some ends whose motions the arm can follow, those first on which it touches the least."""
         found = []
         for end in ends:
-            trajectory = plan(arm_model().kinematics, limits, end.grasping() if is_grasp else end.placing())
+            skill = end.grasping() if is_grasp else end.placing()
+            trajectory = plan(arm_model().kinematics, limits, skill, offsets=[offset])
             beyond = (trajectory.knots < POSITION_LOW[ARM]) | (trajectory.knots > POSITION_HIGH[ARM])
             if not trajectory.is_reachable or beyond.any():
                 continue
@@ -570,8 +307,9 @@ class _ObjectKitchen:
             knots = list(trajectory.knots)
             # What is grasped is carried here, and what is let go may be touched by the fingers that leave it.
             free = knots[: closed[0]] if is_grasp else knots[closed[-1] + 2 :]
-            if not self._touches(free, number, None, first_only=True):
-                found.append(PlannedEnd(end, trajectory))
+            touches = self._touches(free, number, None)
+            if touches <= _FEW:
+                found.append(PlannedEnd(end, trajectory, touches))
         return found
 
     def _held(self, number: int, grasp: PlannedEnd) -> mink.SE3:
@@ -585,13 +323,15 @@ class _ObjectKitchen:
         found: list[End] = []
         number = self._numbers[thing.row]
         for pitch in self._pitches(thing):
-            local, azimuths = _hold(thing, pitch)
+            local, azimuths = grasps.hold(thing, pitch)
             choices = list(itertools.product(azimuths, _ENTRIES if thing.within is not None else (0.0,)))
             count = 0
             for k in generator.permutation(len(choices)).tolist():
                 azimuth, entry = choices[k]
                 at = thing.base + mink.SO3.from_z_radians(azimuth).apply(local)
-                end = End.make(pitch, azimuth, at, entry, at - _FAR * np.array(orientation(azimuth, pitch).approach))
+                end = End.make(
+                    pitch, azimuth, at, entry, at - grasps.FAR * np.array(orientation(azimuth, pitch).approach)
+                )
                 solved = self._solved(end, thing.base, number, None, generator)
                 found += solved
                 count += len(solved)
@@ -603,19 +343,21 @@ class _ObjectKitchen:
         """Returns poses in which the hand lets an object go where it is to be."""
         found: list[End] = []
         spots = self._spots(thing)
-        has_front = thing.goal_kind not in FROM_ABOVE
+        has_front = thing.goal_kind not in grasps.FROM_ABOVE
         number = self._numbers[thing.row]
         for pitch in self._pitches(thing):
-            local, _ = _hold(thing, pitch)
-            choices = list(itertools.product(spots, _TURNS, _ENTRIES if has_front else (0.0,)))
+            local, _ = grasps.hold(thing, pitch)
+            choices = list(itertools.product(spots, grasps.TURNS, _ENTRIES if has_front else (0.0,)))
             count = 0
             for k in generator.permutation(len(choices)).tolist()[:_TRIED]:
                 (spot, front), turn, entry = choices[k]
-                azimuth = _azimuth(front if has_front else spot - robot_base()) + turn
+                azimuth = grasps.azimuth_of(front if has_front else spot - robot_base()) + turn
                 turned = mink.SO3.from_z_radians(azimuth)
-                at = spot + turned.apply(local) + _ABOVE * _UP
-                end = End.make(pitch, azimuth, at, entry, at + _LIFT * _UP)
-                held = end.pose(end.at).inverse() @ mink.SE3.from_rotation_and_translation(turned, spot + _ABOVE * _UP)
+                at = spot + turned.apply(local) + _ABOVE * grasps.UP
+                end = End.make(pitch, azimuth, at, entry, at + grasps.LIFT * grasps.UP)
+                held = end.pose(end.at).inverse() @ mink.SE3.from_rotation_and_translation(
+                    turned, spot + _ABOVE * grasps.UP
+                )
                 solved = self._solved(end, spot, number, held, generator)
                 found += solved
                 count += len(solved)
@@ -625,7 +367,7 @@ class _ObjectKitchen:
 
     def _pitches(self, thing: Thing) -> tuple[float, ...]:
         """Returns the pitches of the hand in which an object may be carried from where it is to where it is to be."""
-        return _STEEP if thing.goal_kind in FROM_ABOVE and thing.within is None else _FLAT
+        return _STEEP if thing.goal_kind in grasps.FROM_ABOVE and thing.within is None else _FLAT
 
     def _solved(
         self, end: End, towards: Array, number: int, held: mink.SE3 | None, generator: np.random.Generator
@@ -636,7 +378,7 @@ class _ObjectKitchen:
         """
         kinematics = arm_model().kinematics
         wrist = end.at - _HAND_LENGTH * np.array(end.hand.approach)
-        if np.linalg.norm(wrist - robot_base() - SHOULDER * _UP) > _WRIST_REACH:
+        if np.linalg.norm(wrist - robot_base() - SHOULDER * grasps.UP) > _WRIST_REACH:
             return []
         seeds = (kitchens.tuck_posture(kitchens.TUCKS[0]), *kitchens.SEEDS)
         for seed in (seeds[k] for k in generator.permutation(len(seeds))[:_SEEDS]):
@@ -660,12 +402,14 @@ class _ObjectKitchen:
         goal, half = thing.goal, thing.goal_half_size
         others = [other.base for other in self._things if other.row != thing.row]
         into = np.zeros(3)
-        if thing.goal_kind not in FROM_ABOVE:
+        if thing.goal_kind not in grasps.FROM_ABOVE:
             into = self._into(goal)
-            along = np.abs(np.cross(_UP, into))
+            along = np.abs(np.cross(grasps.UP, into))
             depth = float(np.abs(into) @ half)
             points = [
-                goal + into * (behind - depth) + along * side for behind in _DEPTHS for side in _sides(along @ half)
+                goal + into * (behind - depth) + along * side
+                for behind in _DEPTHS
+                for side in _sides(float(along @ half))
             ]
         else:
             wide = int(half[1] > half[0])
@@ -754,11 +498,6 @@ def _sides(half: float) -> list[float]:
     """Returns offsets from the middle of a place of some half width at which objects are put [m]."""
     reach = max(float(half) - 0.06, 0.0)
     return sorted({0.0, min(_BESIDE, reach), -min(_BESIDE, reach)}, key=abs)
-
-
-def _azimuth(vector: Array) -> float:
-    """Returns the direction of a vector, seen from above [rad]."""
-    return float(np.arctan2(vector[1], vector[0]))
 
 
 _kitchen = functools.lru_cache(maxsize=16)(_ObjectKitchen)

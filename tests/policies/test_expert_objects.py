@@ -1,0 +1,100 @@
+"""The expert of objects: it opens, grasps, carries and lets go, and gives up what it cannot reach."""
+
+import numpy as np
+import pytest
+
+from kitchen_suite import policies, suite
+from kitchen_suite.policies.experts import grasps
+from kitchen_suite.policies.experts.base import make
+
+# Tasks in kitchens of the split `test`, which the expert completes from the seed of the episode.
+TASKS = [
+    (1, "put_on mug tray"),
+    (1, "put_in mug drawers_1/drawer_1"),
+    (2, "put_in can wall_sliding_1/inside"),
+    (1, "take_out mug drawers_1/drawer_1"),
+    (13, "take_out bottle hinge_cabinet_1/inside"),
+    (2, "open_and_put_in mug drawers_1/drawer_1"),
+]
+
+
+def load(design, **arguments):
+    return suite.load("pick_and_place", "any", {"design": design, "split": "test", "visuals": False, **arguments})
+
+
+def play(environment, name, seed=0):
+    """Plays the expert for a task; returns the environment's last time step."""
+    task = environment.task
+    act = policies.find("expert")(environment, np.random.default_rng(seed))
+    environment.random_state.seed(seed)
+    task.follow(task.checked_reset({"requested_tasks": [name]}))
+    timestep = environment.reset()
+    while not timestep.last():
+        timestep = environment.step(act(timestep))
+    return timestep
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("design", "name"), TASKS)
+def test_tasks_of_all_kinds_of_places_are_completed_and_nothing_falls(design, name):
+    environment = load(design)
+    timestep = play(environment, name)
+    assert environment.task.episode_metrics["success"]
+    assert environment.task.episode_metrics["objects_dropped"] == 0
+    assert timestep.discount == 0.0
+
+
+def test_an_object_is_put_on_a_tray():
+    environment = load(1)
+    play(environment, "put_on mug tray")
+    number = environment.task.scene.layout.names.index("mug")
+    place = next(each for each in environment.task.scene.places if each.name == "tray")
+    centre = environment.task.state.centres[number]
+    assert (centre[:2] > np.array(place.low[:2])).all()
+    assert (centre[:2] < np.array(place.high[:2])).all()
+    assert environment.task.episode_metrics["success"]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("mode", ["ee_delta_pose", "ee_pose", "joint_position"])
+def test_the_expert_acts_in_other_control_modes(mode):
+    environment = load(1, control_mode=mode)
+    play(environment, "put_on mug tray")
+    assert environment.task.episode_metrics["success"]
+
+
+@pytest.mark.full
+def test_parts_that_are_not_observed_are_open_where_something_is_put_in():
+    environment = load(1, num_slots=1)
+    play(environment, "put_in mug drawers_1/drawer_1")
+    assert environment.task.episode_metrics["success"]
+
+
+def test_objects_are_read_from_the_observation_as_they_stand():
+    environment = load(2, object_noise_ratio=0.0)
+    timestep = environment.reset()
+    task = environment.task
+    observation = task.policy_inputs.flatten(timestep.observation).ravel().astype(np.float64)
+    seen = grasps.things(observation)
+    assert len(seen) == len(task.scene.objects)
+    requested = int(np.flatnonzero(task.state.requested)[0])
+    assert seen[0].kind == task.scene.layout.objects[requested].kind
+    assert seen[0].goal_kind
+    assert not any(thing.goal_kind for thing in seen[1:])
+    np.testing.assert_allclose(seen[0].base, task.state.poses[requested, :3], atol=1e-6)
+    assert all(thing.is_upright for thing in seen)
+
+
+def test_an_object_that_has_fallen_over_is_left_alone():
+    environment = load(1)
+    task = environment.task
+    task.follow(task.checked_reset({"requested_tasks": ["put_on mug tray"]}))
+    timestep = environment.reset()
+    expert = make(task)
+    observation = task.policy_inputs.flatten(timestep.observation).ravel().astype(np.float64)
+    row = observation[grasps.SLICES["objects"]].reshape(grasps.MAX_OBJECTS, -1)[0]
+    row[grasps.OBJECT_SLICES["z_axis"]] = 1.0, 0.0, 0.0
+    assert not grasps.things(observation)[0].is_upright
+    expert.reset(np.random.default_rng(0))
+    expert.act(observation)
+    assert expert._current_trajectory.duration == 0.0
