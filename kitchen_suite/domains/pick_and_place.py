@@ -26,5 +26,5 @@ PICK_AND_PLACE = Domain(
     env=PICK_AND_PLACE_ENVIRONMENT.single,
     vector_env=PICK_AND_PLACE_ENVIRONMENT.vector,
     expert="kitchen_suite.policies.experts.pick_and_place:ObjectExpert",
-    contents="kitchen_suite.tasks.generated_kitchens.file_contents:with_contents",
+    contents="kitchen_suite.tasks.pick_and_place.file_contents:with_contents",
 )

@@ -13,16 +13,22 @@ def with_contents(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
     `certified=True` stays where the certificate comes with the package, which is the same on every machine.
     """
-    found = dict(arguments)
+    found = with_designs(arguments)
     split = found.get("split", SPLITS[0])
-    if "design" in found:
-        found["design"] = _design(found["design"], split)
     design = found.get("design", 0)
     if found.get("certified") is True and not isinstance(design, list | tuple | range):
         made = KitchenDesign.make(design, split)
         # Without a certificate the task says what is missing.
         if made.name and not is_shipped(made):
             found["certified"] = list(certificate_of(made).certified)
+    return found
+
+
+def with_designs(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns arguments with designs in place of the paths of their files."""
+    found = dict(arguments)
+    if "design" in found:
+        found["design"] = _design(found["design"], found.get("split", SPLITS[0]))
     return found
 
 
