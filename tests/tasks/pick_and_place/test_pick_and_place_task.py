@@ -258,6 +258,7 @@ def test_what_was_not_asked_for_and_another_place_do_not_count():
     put(environment, 0, support(environment, "stove_1/burner_1"))
     assert rest(environment).reward == 0.0
     assert not environment.task.state.progress.completed.any()
+    assert not environment.task.state.progress.within.any()
 
 
 def test_an_object_in_a_drawer_moves_and_counts_with_it():
@@ -459,7 +460,39 @@ def test_an_object_that_is_let_fall_costs_in_dense_alone():
     assert sums["dense"] < -0.1
 
 
+def test_what_is_pushed_along_has_not_been_carried():
+    environment = load(reward="dense", **NO_NOISE)
+    start(environment, "put_on can tray")
+    home = environment.task.state.poses[0, :3].copy()
+    put(environment, 0, np.add(home, (-0.15, 0.0, 0.0)))
+    environment.step(np.zeros(9))
+    assert environment.task.reward_terms["carry"] == 0.0
+    put(environment, 0, np.add(home, (-0.15, 0.0, 0.15)))
+    environment.step(np.zeros(9))
+    assert environment.task.reward_terms["carry"] > 0.0
+
+
+def test_a_hand_that_leaves_an_object_keeps_what_it_got_for_reaching_it():
+    environment = load(reward="dense", **NO_NOISE)
+    start(environment, "put_on can tray")
+    hand = environment.task.state.hand[:3]
+    put(environment, 0, np.add(hand, (0.0, 0.0, -0.08)))
+    environment.step(np.zeros(9))
+    reached = environment.task.reward_terms["reach"]
+    assert reached > 0.5 * WEIGHTS["reach"]
+    rest(environment)
+    assert environment.task.state.hand_distances[0] > 0.3
+    assert environment.task.reward_terms["reach"] >= reached
+
+
 # Observations.
+
+
+def test_only_parts_that_are_closed_have_to_be_opened():
+    environment = load("any_2")
+    for other, count in ((f"take_out mug {DRAWER}", 0), ("put_on mug tray", 1)):
+        timestep = start(environment, f"open_and_put_in can {DRAWER}", other)
+        assert slots_of(timestep)[:, SLOT_SLICES["requested"]].sum() == count
 
 
 def test_the_observation_is_that_of_the_physics():
