@@ -188,8 +188,8 @@ def test_the_numbers_of_the_protocols_are_the_published_ones():
         conditions, seed, episodes, steps, score = LITERAL[name]
         played = [(each.task_name or KITCHEN.task_name, each.task_kwargs) for each in protocol.conditions]
         assert played == conditions, name
-        # The kitchen's own episodes have as many control steps.
-        numbers = (protocol.seed, protocol.num_episodes, protocol.max_episode_steps or 280)
+        own = suite.DOMAINS[domain_of(name)].episode_steps
+        numbers = (protocol.seed, protocol.num_episodes, protocol.max_episode_steps or own)
         assert numbers == (seed, episodes, steps), name
         assert type(protocol.num_episodes) is int
         assert protocol.score == (score and Score(name=score[0], best=score[1], tasks=score[2])), name
