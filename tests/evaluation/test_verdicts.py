@@ -14,6 +14,7 @@ from helpers.protocols import domain_of
 
 from kitchen_suite import suite
 from kitchen_suite.commands import evaluate, replay
+from kitchen_suite.entities.pick_and_place import DEFAULT_DESIGN
 from kitchen_suite.evaluation.evaluation import Evaluation
 from kitchen_suite.evaluation.plan import EvaluationPlan, Replaced, make_plan, make_unprepared_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
@@ -59,7 +60,7 @@ def description_of(name):
         "policy": "zero",
         "seed": protocol.seed,
         "num_episodes": protocol.num_episodes,
-        "max_episode_steps": protocol.max_episode_steps or 280,
+        "max_episode_steps": protocol.max_episode_steps or suite.DOMAINS[domain_of(name)].episode_steps,
         "versions": installed_versions(),
         "conditions": json.loads(json.dumps(conditions)),
     }
@@ -104,6 +105,10 @@ DEFAULTS = {
     "sleep": False,
     "variation_split": "seen",
     "quality": False,
+}
+DEFAULTS_OF_GENERATED = {
+    "kitchens": {"design": 0, "physics": "fast"},
+    "pick_and_place": {"design": DEFAULT_DESIGN, "physics": "fast"},
 }
 
 
@@ -153,7 +158,7 @@ def test_every_value_that_is_not_the_protocols_is_named(name):
     plan = unprepared(name)
     assert format_subject(plan) == f"{domain_of(name)}, protocol {name}"
     first, spec = next(iter(plan.specs.items()))
-    defaults = {**DEFAULTS, "design": 0, "physics": "fast"} if domain_of(name) == "kitchens" else DEFAULTS
+    defaults = {**DEFAULTS, **DEFAULTS_OF_GENERATED.get(domain_of(name), {})}
     for argument in [*spec.task_kwargs, *(ARGUMENTS if name == "default" else ["threshold", "goals", "success"])]:
         # Quality replaces nothing where the scores are not made of it.
         if argument in (*HARMLESS, "robot") or (argument == "quality" and name != "clean"):
