@@ -198,14 +198,16 @@ class DrawersDesign(BoxDesign, frozen=True, tag="drawers"):
         drawers = []
         for number in range(self.count):
             name = f"drawer_{number + 1}"
-            floor = -WORKTOP - (number + 1) * self._drawer_height + PANEL + GAP + 0.01
+            # Closed, it ends below what is above it.
+            top = -WORKTOP - number * self._drawer_height
+            floor = top - self._drawer_height + PANEL + GAP + 0.01
             drawers.append(
                 Place(
                     kind="drawer",
                     name=name,
                     words=_numbered("drawer", number, self.count),
                     low=(-half, PANEL, floor),
-                    high=(half, _DRAWER_TRAVEL, floor + ROOM),
+                    high=(half, _DRAWER_TRAVEL, min(floor + ROOM, top)),
                     parts=(name,),
                     moves=True,
                 )
