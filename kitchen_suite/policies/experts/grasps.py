@@ -21,11 +21,11 @@ CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.15, 0.1, 0.25  # Speeds of the ha
 _CLOSE_STEPS, _OPEN_STEPS, _REST_STEPS = 9, 6, 3  # Control steps in which fingers close and open, and the hand rests.
 _RAISED = 0.02  # Height above its support at which an object is moved into a place with a front, or out of it [m].
 _LEAVING = 0.12  # How far the hand moves back from what it has let go [m].
-_FINGER_LENGTH = 0.035  # From the palm to the finger tips, with a gap [m].
-_PALM = 0.012  # How far before the axis of a can the hand grasps it from the side [m].
+# Distances beyond the hand's site of the middle of the fingers' pads, and of their outer parts [m].
+_PADS, _TIPS = 0.023, 0.035
 _UPRIGHT = 0.95  # Least cosine of the tilt of an object that stands.
 _ALIGNED = (0.0, 0.2, -0.2)  # Azimuths beside flat sides, which closing fingers turn to themselves [rad].
-_STEEPEST, _HALF_STEEP = 1.2, 0.6  # Pitches from which the hand comes from above, and half from above [rad].
+_HALF_STEEP = 0.75  # Pitch from which the hand comes half from above [rad].
 FAR, LIFT = 0.1, 0.1  # Distances before a grasp and above it [m].
 
 # Azimuths of the hand relative to the usual one that are tried [rad].
@@ -203,26 +203,27 @@ def _move(
 def hold(thing: Thing, pitch: float) -> tuple[Array, list[float]]:
     """Returns the hand's position relative to an object's base, in the frame of the hand's azimuth, and azimuths [rad].
 
-    A can and a bottle are grasped from any side, a carton across its short side, a mug by its handle.
+    A can and a bottle are grasped from any side, a carton across its short side, a mug by its handle, which the tips of
+    the fingers hold so that they do not touch its wall.
     """
-    is_steep = pitch > _HALF_STEEP
     radial = azimuth_of(thing.base - robot_base())
     axis = float(np.arctan2(thing.x_axis[1], thing.x_axis[0]))
-    sides = [radial + turn for turn in TURNS]
-    # The palm stays clear of what is grasped from the side.
-    back = 0.0 if pitch > _STEEPEST else -_PALM
+    depth, azimuths = _PADS, [radial + turn for turn in TURNS]
     match thing.kind:
         case "can":
-            return np.array([back, 0.0, 0.065]), sides
+            held = (0.0, 0.0, 0.05)
         case "bottle":
-            return np.array([back, 0.0, 0.138 if is_steep else 0.06]), sides
+            # By its neck from above.
+            held = (0.0, 0.0, 0.122 if pitch > _HALF_STEEP else 0.05)
         case "carton":
+            held = (0.0, 0.0, 0.045)
             ahead = axis if np.cos(axis - radial) > 0.0 else axis + np.pi
-            # As far from its end as the palm leaves room beside its upper edge.
-            room = (_FINGER_LENGTH - 0.029 * np.sin(pitch)) / max(np.cos(pitch), 0.1)
-            return np.array([min(room - 0.055, 0.0), 0.0, 0.06]), [ahead + turn for turn in _ALIGNED]
+            azimuths = [ahead + turn for turn in _ALIGNED]
         case _:
-            return np.array([-0.062, 0.0, 0.06 if is_steep else 0.048]), [axis + np.pi + turn for turn in _ALIGNED]
+            held = (-0.068, 0.0, 0.044)
+            depth, azimuths = _TIPS, [axis + np.pi + turn for turn in _ALIGNED]
+    approach = np.array([np.cos(pitch), 0.0, -np.sin(pitch)])
+    return np.array(held) - depth * approach, azimuths
 
 
 def _outside(point: Array, azimuth: float, distance: float) -> Array:

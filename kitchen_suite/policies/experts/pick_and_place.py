@@ -59,6 +59,7 @@ _TRIED = 16  # Number of poses that are tried for a pitch of the hand.
 _FOUND = 3  # Number of motions of which the shortest is made.
 _MOST = 16  # Number of pairs of a grasp and a place that are tried.
 _MARGIN = 0.004  # Distance that counts as a contact of the arm [m].
+_WIDE_MARGIN = 0.015  # The same on ways, of the arm and of what it carries, since the arm lags behind [m].
 _CHECKED = 0.1  # Spacing of the joint positions at which a path is checked for collisions [rad].
 _DEPTHS = (0.1, 0.07, 0.14)  # Depths behind the front of a place with a front at which an object is put [m].
 _SAME_PLACE = 0.03  # Distance between the middles of two places that are the same [m].
@@ -195,7 +196,7 @@ class _ObjectKitchen:
             built.props[name].mjcf_model.find("joint", part.joint) if part.joint else None for name, part in built.parts
         ]
         self._part_columns = [None if joint is None else int(physics.bind(joint).qposadr) for joint in joints]
-        physics.model.geom_margin[self._robot & ~self._fingers] = _MARGIN
+        physics.model.geom_margin[self._robot | self._geoms.any(axis=0)] = _WIDE_MARGIN
         # Of places with parts, the middle of the support when they stand wide open, and columns and positions of these.
         self._opened: list[tuple[Array, list[tuple[int, float]]]] = []
         for place in built.places:
@@ -288,7 +289,7 @@ class _ObjectKitchen:
         """Returns joint positions on a way on which nothing is touched, or None if none is found."""
 
         def free(start: Array, end: Array) -> bool:
-            return not self._touches([start, end], number, held, first_only=True)
+            return not self._touches([start, end], number, held, first_only=True, margin=_WIDE_MARGIN)
 
         return connect(first, last, free, (POSITION_LOW[ARM], POSITION_HIGH[ARM]), generator)
 
@@ -441,7 +442,13 @@ class _ObjectKitchen:
         return np.array([np.sign(x), 0.0, 0.0])
 
     def _touches(
-        self, knots: list[Array], number: int | None, held: mink.SE3 | None, *, first_only: bool = False
+        self,
+        knots: list[Array],
+        number: int | None,
+        held: mink.SE3 | None,
+        *,
+        first_only: bool = False,
+        margin: float = 0.0,
     ) -> int:
         """Returns at how many joint positions, `(7,)` and between them, the robot touches something.
 
@@ -452,6 +459,7 @@ class _ObjectKitchen:
           number: of the object that the fingers may touch; None for none.
           held: its pose in the hand, if it is carried.
           first_only: whether to stop at the first touch.
+          margin: distance that counts as a touch, of the arm at least `_MARGIN` [m].
         """
         model, data = self._physics.model.ptr, self._data
         data.qpos[:] = self._qpos
@@ -482,7 +490,7 @@ class _ObjectKitchen:
                 itself = self._robot[pairs].all(axis=1) & ~self._hand[pairs].all(axis=1) & (distances < 0.0)
                 fingers = self._hand[pairs].any(axis=1) & own[pairs].any(axis=1)
                 keeps_off = (self._robot & ~self._fingers)[pairs].any(axis=1) & ~own[pairs].any(axis=1)
-                near = distances < np.where(keeps_off, _MARGIN, 0.0)
+                near = distances < np.where(keeps_off, max(margin, _MARGIN), margin)
                 touches += bool(((apart & near & ~fingers) | itself).any())
                 if touches and first_only:
                     return touches
