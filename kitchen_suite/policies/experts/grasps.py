@@ -22,7 +22,7 @@ _CLOSE_STEPS, _OPEN_STEPS, _REST_STEPS = 9, 6, 3  # Control steps in which finge
 _RAISED = 0.02  # Height above its support at which an object is moved into a place with a front, or out of it [m].
 _LEAVING = 0.12  # How far the hand moves back from what it has let go [m].
 # Distances beyond the hand's site of the middle of the fingers' pads, and of their outer parts [m].
-_PADS, _TIPS = 0.023, 0.035
+_PADS, _TIPS = 0.023, 0.03
 _UPRIGHT = 0.95  # Least cosine of the tilt of an object that stands.
 _ALIGNED = (0.0, 0.2, -0.2)  # Azimuths beside flat sides, which closing fingers turn to themselves [rad].
 _HALF_STEEP = 0.75  # Pitch from which the hand comes half from above [rad].
