@@ -93,7 +93,7 @@ class ObjectLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         if not isinstance(value, ObjectLayout):
             try:
                 value = msgspec.convert(msgspec.to_builtins(value, str_keys=True), ObjectLayout)
-            except (msgspec.ValidationError, TypeError) as error:
+            except (msgspec.ValidationError, RecursionError, TypeError) as error:
                 raise ValueError(f"objects are no layout: {error}; got {checks.shown(value)}") from None
         known = [*places_of(design), *([TRAY] if value.tray else [])]
         for place in checks.unique_names(value.places, "places of objects"):

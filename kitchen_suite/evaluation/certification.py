@@ -12,7 +12,7 @@ import concurrent.futures
 import functools
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -122,9 +122,11 @@ def _slower(steps: Iterable[int | None]) -> int | None:
 
 def _kind_of(domain: str) -> tuple[type[Any], Callable[[int, str], Any]]:
     """Returns the kind of a domain's certificates, and the function that certifies a kitchen."""
-    if checks.choice(domain, ("kitchens", "pick_and_place"), "domain") == "kitchens":
-        return Certificate, certify
-    return ObjectCertificate, certify_objects
+    kinds: Mapping[str, tuple[type[Any], Callable[[int, str], Any]]] = {
+        "kitchens": (Certificate, certify),
+        "pick_and_place": (ObjectCertificate, certify_objects),
+    }
+    return kinds[checks.choice(domain, kinds, "domain")]
 
 
 def write_certificates(

@@ -90,9 +90,14 @@ def read(path: Path, kind: type[C] = Certificate) -> dict[int, C]:  # type: igno
 
 def is_shipped(design: KitchenDesign) -> bool:
     """Returns whether the package has a certificate of the number of a design of a split."""
+    return is_in(design, Certificate, _SHIPPED)
+
+
+def is_in(design: KitchenDesign, kind: type[C], folder: Path) -> bool:
+    """Returns whether a folder has a certificate of a kind of the number of a design of a split."""
     split, _, number = design.name.partition("/")
-    path = _SHIPPED / f"{split}.jsonl"
-    return path.exists() and int(number) in _read(path, path.stat().st_mtime_ns)
+    path = folder / f"{split}.jsonl"
+    return path.exists() and int(number) in _read(path, path.stat().st_mtime_ns, kind)
 
 
 def default_path(split: str) -> Path | None:
@@ -112,11 +117,11 @@ def certificate_of(design: KitchenDesign) -> Certificate:
 
     Raises a ValueError if there is none, or it is of another design, and an OSError for a file that is damaged.
     """
-    return find(design, Certificate, _SHIPPED, default_path, domain="kitchens")
+    return find(design, Certificate, _SHIPPED, default_path)
 
 
 def find(
-    design: KitchenDesign, kind: type[C], shipped: Path, cached: Callable[[str], Path | None], *, domain: str
+    design: KitchenDesign, kind: type[C], shipped: Path, cached: Callable[[str], Path | None], arguments: str = ""
 ) -> C:
     """Returns the certificate of a kind of a design, that of the package or of the user's cache folder.
 
@@ -125,7 +130,7 @@ def find(
       kind: of the certificate.
       shipped: folder in which the package has those of the kind.
       cached: returns the file of a split in the user's cache folder; None if there is no such folder.
-      domain: whose kitchens they are.
+      arguments: further ones of the call that makes one, as a message shows them.
 
     Raises a ValueError if there is none, or it is of another design, and an OSError for a file that is damaged.
     """
@@ -139,10 +144,9 @@ def find(
             if found is not None:
                 check_design(found, design, path)
                 return found
-    of_domain = "" if domain == "kitchens" else f", domain={domain!r}"
     raise ValueError(
         f"kitchen {design.name} has no certificate: kitchen_suite.evaluation.certification.write_certificates("
-        f"certificates.default_path({split!r}), [{number}], {split!r}{of_domain}) makes one"
+        f"certificates.default_path({split!r}), [{number}], {split!r}{arguments}) makes one"
     )
 
 

@@ -52,12 +52,17 @@ def default_path(split: str) -> Path | None:
     return None if folder is None else folder / f"object_certificates_{split}.jsonl"
 
 
+def is_shipped(design: KitchenDesign) -> bool:
+    """Returns whether the package has a certificate of the number of a design of a split."""
+    return certificates.is_in(design, ObjectCertificate, _SHIPPED)
+
+
 def certified_tasks(design: KitchenDesign, layout: ObjectLayout) -> tuple[str, ...]:
     """Returns the tasks that the expert completed in a kitchen with a layout of its objects.
 
     Raises a ValueError if there is no certificate of the kitchen and this layout, and an OSError for a damaged file.
     """
-    found = certificates.find(design, ObjectCertificate, _SHIPPED, default_path, domain="pick_and_place")
+    found = certificates.find(design, ObjectCertificate, _SHIPPED, default_path, ", domain='pick_and_place'")
     if found.layout != layout_digest(layout):
         raise ValueError(
             f"the certificate of kitchen {design.name} is of other objects: leave out objects or certified"

@@ -115,10 +115,7 @@ def test_a_wrong_layout_is_refused_with_its_place(change, message):
     assert_is_short(str(raised.value))
 
 
-ODD = {name: value for name, value in ODD_VALUES.items() if name not in ("nested", "a nested dict")}
-
-
-@pytest.mark.parametrize("value", ODD.values(), ids=ODD)
+@pytest.mark.parametrize("value", ODD_VALUES.values(), ids=ODD_VALUES)
 def test_an_odd_layout_is_refused_in_a_short_line(value):
     for layout in (value, {**LAYOUT, "objects": value}, {**LAYOUT, "tray": value}, {**LAYOUT, "places": value}):
         with pytest.raises((ValueError, TypeError)) as raised:
