@@ -12,10 +12,10 @@ import concurrent.futures
 import functools
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import dm_env
 import msgspec
@@ -30,16 +30,10 @@ from kitchen_suite.policies.experts.generated_kitchens import reached_handles
 from kitchen_suite.tasks.generated_kitchens import certificates
 from kitchen_suite.tasks.generated_kitchens.certificates import Certificate
 from kitchen_suite.tasks.generated_kitchens.requests import VERBS
-from kitchen_suite.tasks.pick_and_place import certificates as object_certificates
-from kitchen_suite.tasks.pick_and_place.certificates import ObjectCertificate
-from kitchen_suite.tasks.pick_and_place.requests import VERBS as OBJECT_VERBS
 from kitchen_suite.tasks.variations.layouts import Clearance
 
 # Props that are in each other as in the original kitchen: the oven has the hood in its back, and a kettle on it.
 _TOGETHER = ("oven_1", "hood_1", "kettle")
-
-# Of each verb, numbers of tasks with objects that are to be certified, and that are tried at most.
-_WANTED, _MOST_TRIED = 2, 4
 
 
 def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
@@ -59,7 +53,7 @@ def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
     depth = Clearance(task.scene, environment.physics, data).depth(_TOGETHER)
     steps: dict[str, int | None] = {}
     for name in task.requests.tasks:
-        steps[name] = _played(environment, act, name, seed)
+        steps[name] = played(environment, act, name, seed)
     completed = (name.split(" ") for name, count in steps.items() if count)
     opened = {part for verb, part in completed if not VERBS[verb][0]}
     return Certificate(
@@ -72,34 +66,7 @@ def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
     )
 
 
-def certify_objects(number: int, split: str) -> ObjectCertificate:
-    """Returns the certificate of the tasks with objects in a kitchen.
-
-    Of each verb the expert tries tasks in a drawn order until it has completed two of them, four at most; each is
-    played in two episodes, with the seeds 0 and 1.
-    """
-    design = KitchenDesign.drawn(number, split)
-    environment = suite.load("pick_and_place", "any", {"design": design, "visuals": False, "random": 0})
-    task: Any = environment.task
-    act = policies.find("expert")(environment, np.random.default_rng(0))
-    steps: dict[str, int | None] = {}
-    for verb in OBJECT_VERBS:
-        names = [name for name in task.requests.tasks if name.startswith(f"{verb} ")]
-        order = np.random.default_rng([SPLITS.index(split), number]).permutation(len(names))
-        for name in [names[k] for k in order.tolist()[:_MOST_TRIED]]:
-            steps[name] = _slower(_played(environment, act, name, seed) for seed in (0, 1))
-            if sum(steps.get(each) is not None for each in names) == _WANTED:
-                break
-    return ObjectCertificate(
-        design=number,
-        digest=certificates.design_digest(design),
-        layout=object_certificates.layout_digest(task.scene.layout),
-        physics=task.scene.physics,
-        steps=steps,
-    )
-
-
-def _played(environment: Environment, act: Callable[[dm_env.TimeStep], Any], name: str, seed: int) -> int | None:
+def played(environment: Environment, act: Callable[[dm_env.TimeStep], Any], name: str, seed: int) -> int | None:
     """Returns the control steps in which a policy completes a task in an episode with a seed; None if it does not."""
     task = environment.task
     environment.random_state.seed(seed)
@@ -110,27 +77,25 @@ def _played(environment: Environment, act: Callable[[dm_env.TimeStep], Any], nam
     return count if task.episode_metrics["success"] else None
 
 
-def _slower(steps: Iterable[int | None]) -> int | None:
-    """Returns the greatest of some numbers; None, and no later one is asked for, where one is None."""
-    greatest = 0
-    for each in steps:
-        if each is None:
-            return None
-        greatest = max(greatest, each)
-    return greatest
+class CertificateKind(NamedTuple):
+    """A kind of certificates.
 
+    Attributes:
+      record: class of a certificate.
+      certify: returns the certificate of a kitchen by its number and split.
+    """
 
-def _kind_of(domain: str) -> tuple[type[Any], Callable[[int, str], Any]]:
-    """Returns the kind of a domain's certificates, and the function that certifies a kitchen."""
-    kinds: Mapping[str, tuple[type[Any], Callable[[int, str], Any]]] = {
-        "kitchens": (Certificate, certify),
-        "pick_and_place": (ObjectCertificate, certify_objects),
-    }
-    return kinds[checks.choice(domain, kinds, "domain")]
+    record: type[Any]
+    certify: Callable[[int, str], Any]
 
 
 def write_certificates(
-    path: str | PathLike[str], numbers: Sequence[int], split: str, *, num_workers: int = 1, domain: str = "kitchens"
+    path: str | PathLike[str],
+    numbers: Sequence[int],
+    split: str,
+    *,
+    num_workers: int = 1,
+    kind: CertificateKind | None = None,
 ) -> dict[int, Any]:
     """Appends the certificates that a file lacks; returns those of all the kitchens, by number.
 
@@ -144,16 +109,15 @@ def write_certificates(
       split: `train` or `test`.
       num_workers: processes that certify. More than one import the program that calls, whose own work has to be below
         `if __name__ == "__main__":`.
-      domain: whose tasks are certified, `kitchens` or `pick_and_place`; environments of the second read
-        `default_path(split)` of `kitchen_suite.tasks.pick_and_place.certificates`.
+      kind: of the certificates, such as `object_certification.OBJECTS`; that of parts of kitchens when omitted.
 
     Raises:
       OSError: the file holds something else, or cannot be written.
       ValueError: an unknown split, or a certificate in the file is of another design.
     """
     path = Path(path)
-    kind, certify_one = _kind_of(domain)
-    found = _read(path, numbers, split, kind)
+    record, certify_one = kind or CertificateKind(Certificate, certify)
+    found = _read(path, numbers, split, record)
     missing = [number for number in numbers if number not in found]
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as file:
@@ -167,23 +131,28 @@ def write_certificates(
 
 
 def check_certificates(
-    path: str | PathLike[str], numbers: Sequence[int], split: str, *, num_workers: int = 1, domain: str = "kitchens"
+    path: str | PathLike[str],
+    numbers: Sequence[int],
+    split: str,
+    *,
+    num_workers: int = 1,
+    kind: CertificateKind | None = None,
 ) -> list[int]:
     """Certifies kitchens again; returns the numbers of those whose certificate is missing or comes out otherwise.
 
     On the same kind of processor all are equal. Arguments and exceptions are those of `write_certificates`.
     """
-    kind, certify_one = _kind_of(domain)
-    found = _read(Path(path), numbers, split, kind)
+    record, certify_one = kind or CertificateKind(Certificate, certify)
+    found = _read(Path(path), numbers, split, record)
     known = [number for number in numbers if number in found]
     again = {certificate.design: certificate for certificate in _certified(certify_one, known, split, num_workers)}
     return [number for number in numbers if number not in found or found[number] != again[number]]
 
 
-def _read(path: Path, numbers: Sequence[int], split: str, kind: type[Any]) -> dict[int, Any]:
+def _read(path: Path, numbers: Sequence[int], split: str, record: type[Any]) -> dict[int, Any]:
     """Returns the certificates in a file, after those of some kitchens have been compared with their designs."""
     checks.choice(split, SPLITS, "split")
-    found: dict[int, Any] = certificates.read(path, kind) if path.exists() else {}
+    found: dict[int, Any] = certificates.read(path, record) if path.exists() else {}
     for number in numbers:
         if number in found:
             certificates.check_design(found[number], KitchenDesign.drawn(number, split), path)

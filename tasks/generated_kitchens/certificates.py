@@ -18,6 +18,12 @@ from kitchen_suite.entities.kitchen_designs import SPLITS, KitchenDesign
 
 _SHIPPED = Path(__file__).parent / "certificates"
 
+# How a certificate is made, for messages.
+_REMEDY = (
+    "kitchen_suite.evaluation.certification.write_certificates(certificates.default_path('{split}'), [{number}], "
+    "'{split}')"
+)
+
 # Bounds of what is read [bytes]: a certificate has some 2 KiB, and a file those of thousands of kitchens.
 _MAX_BYTES = 64 * 2**20
 _MAX_LINE = 2**16
@@ -117,12 +123,10 @@ def certificate_of(design: KitchenDesign) -> Certificate:
 
     Raises a ValueError if there is none, or it is of another design, and an OSError for a file that is damaged.
     """
-    return find(design, Certificate, _SHIPPED, default_path)
+    return find(design, Certificate, _SHIPPED, default_path, _REMEDY)
 
 
-def find(
-    design: KitchenDesign, kind: type[C], shipped: Path, cached: Callable[[str], Path | None], arguments: str = ""
-) -> C:
+def find(design: KitchenDesign, kind: type[C], shipped: Path, cached: Callable[[str], Path | None], remedy: str) -> C:
     """Returns the certificate of a kind of a design, that of the package or of the user's cache folder.
 
     Args:
@@ -130,7 +134,7 @@ def find(
       kind: of the certificate.
       shipped: folder in which the package has those of the kind.
       cached: returns the file of a split in the user's cache folder; None if there is no such folder.
-      arguments: further ones of the call that makes one, as a message shows them.
+      remedy: call that makes one, with places for `split` and `number`.
 
     Raises a ValueError if there is none, or it is of another design, and an OSError for a file that is damaged.
     """
@@ -144,10 +148,7 @@ def find(
             if found is not None:
                 check_design(found, design, path)
                 return found
-    raise ValueError(
-        f"kitchen {design.name} has no certificate: kitchen_suite.evaluation.certification.write_certificates("
-        f"certificates.default_path({split!r}), [{number}], {split!r}{arguments}) makes one"
-    )
+    raise ValueError(f"kitchen {design.name} has no certificate: {remedy.format(split=split, number=number)} makes one")
 
 
 def check_design(certificate: KitchenCertificate, design: KitchenDesign, path: Path) -> None:

@@ -16,6 +16,12 @@ from kitchen_suite.tasks.generated_kitchens import certificates
 
 _SHIPPED = Path(__file__).parent / "certificates"
 
+# How a certificate is made, for messages; `certificates` is this module.
+_REMEDY = (
+    "kitchen_suite.evaluation.certification.write_certificates(certificates.default_path('{split}'), [{number}], "
+    "'{split}', kind=kitchen_suite.evaluation.object_certification.OBJECTS)"
+)
+
 
 class ObjectCertificate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The tasks with objects that the expert completed in a kitchen, of those that it tried.
@@ -62,7 +68,7 @@ def certified_tasks(design: KitchenDesign, layout: ObjectLayout) -> tuple[str, .
 
     Raises a ValueError if there is no certificate of the kitchen and this layout, and an OSError for a damaged file.
     """
-    found = certificates.find(design, ObjectCertificate, _SHIPPED, default_path, ", domain='pick_and_place'")
+    found = certificates.find(design, ObjectCertificate, _SHIPPED, default_path, _REMEDY)
     if found.layout != layout_digest(layout):
         raise ValueError(
             f"the certificate of kitchen {design.name} is of other objects: leave out objects or certified"
