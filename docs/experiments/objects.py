@@ -1,0 +1,129 @@
+"""Measures the expert of the domain `pick_and_place` in generated kitchens.
+
+python docs/experiments/objects.py expert    requests that are certified, and any, in 100 kitchens of each split
+python docs/experiments/objects.py random    random actions: nothing diverges, and no object gets into a wall
+
+Results are written to results/objects_*.json. It needs the extra `experts`.
+"""
+
+import collections
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from dm_control.rl.control import PhysicsError
+from experiment import RESULTS, in_processes, make_parser, write_rows
+from tqdm import tqdm
+
+from kitchen_suite import policies, suite
+from kitchen_suite.entities.kitchen_designs import SPLITS
+
+KITCHENS = 100  # Of each split.
+
+# Seed of the noise and the start of each episode, which certificates do not use, and episodes in each kitchen.
+SEED, EPISODES = 1000, 2
+
+STEPS, TIMESTEP = 500, 0.08  # Control steps in an episode, and their length [s].
+
+
+def play_expert(kitchen: tuple[str, int], certified: bool) -> list[dict[str, Any]]:
+    """Plays the expert in a kitchen; returns the verb and the outcome of each episode."""
+    split, design = kitchen
+    arguments = {"design": design, "split": split, "certified": certified, "visuals": False, "random": SEED + design}
+    try:
+        environment = suite.load("pick_and_place", "any", arguments)
+    except ValueError:  # A kitchen without a certified task.
+        return []
+    act = policies.find("expert")(environment, np.random.default_rng(SEED + design))
+    played = []
+    for _ in range(EPISODES):
+        timestep = environment.reset()
+        (name,) = environment.task.requested_tasks
+        while not timestep.last():
+            timestep = environment.step(act(timestep))
+        metrics = environment.task.episode_metrics
+        dropped = bool(metrics["objects_dropped"])
+        outcome = "completed" if metrics["success"] else "dropped" if dropped else "not completed"
+        played.append({"verb": name.split(" ")[0], "outcome": outcome, "dropped": dropped})
+    return played
+
+
+def expert() -> None:
+    """Measures the expert."""
+    rows = []
+    for certified in (True, False):
+        for split in SPLITS:
+            kitchens = [(split, design) for design in range(KITCHENS)]
+            work = functools.partial(play_expert, certified=certified)
+            by_verb: dict[str, list[Mapping[str, Any]]] = collections.defaultdict(list)
+            for played in tqdm(in_processes(work, kitchens), total=KITCHENS, unit="kitchen", disable=None):
+                for episode in played:
+                    by_verb[episode["verb"]].append(episode)
+            for verb, episodes in sorted(by_verb.items()):
+                outcomes = collections.Counter(episode["outcome"] for episode in episodes)
+                rows.append(
+                    {
+                        **{"certified": certified, "split": split, "verb": verb, "episodes": len(episodes)},
+                        "completed": outcomes["completed"],
+                        "dropped": sum(episode["dropped"] for episode in episodes),
+                    }
+                )
+    write_rows(RESULTS / "objects_expert.json", rows)
+
+
+def play_random(design: int, episodes: int) -> tuple[int, int, float]:
+    """Plays random actions in a kitchen; returns control steps, diverged episodes, and the greatest depth [m]."""
+    arguments = {"design": design, "split": "test", "visuals": False, "random": design}
+    environment = suite.load("pick_and_place", "any", arguments)
+    generator = np.random.default_rng(design)
+    model, data = environment.physics.model, environment.physics.data
+    bodies = [model.id2name(body, "body").split("/")[0] for body in model.geom_bodyid]
+    own = np.array([name in environment.task.scene.layout.names for name in bodies])
+    robot = np.array([name == "franka" for name in bodies])
+    steps, diverged, depth = 0, 0, 0.0
+    for _ in range(episodes):
+        timestep = environment.reset()
+        while not timestep.last():
+            try:
+                timestep = environment.step(generator.uniform(-1.0, 1.0, 9))
+            except PhysicsError:
+                diverged += 1
+                break
+            steps += 1
+            pairs = data.contact.geom[: data.ncon]
+            # An object in what is neither the robot nor another object.
+            walls = own[pairs].any(axis=1) & ~own[pairs].all(axis=1) & ~robot[pairs].any(axis=1)
+            if walls.any():
+                depth = max(depth, float(-data.contact.dist[: data.ncon][walls].min()))
+    return steps, diverged, depth
+
+
+def random(hours: float) -> None:
+    """Measures what random actions do."""
+    episodes = max(1, round(hours * 3600 / (KITCHENS * STEPS * TIMESTEP)))
+    played = in_processes(functools.partial(play_random, episodes=episodes), range(KITCHENS))
+    steps, diverged, depths = zip(*tqdm(played, total=KITCHENS, unit="kitchen", disable=None), strict=True)
+    row = {
+        "hours": round(sum(steps) * TIMESTEP / 3600, 2),
+        "episodes": KITCHENS * episodes,
+        "diverged": sum(diverged),
+        "depth_mm": round(1e3 * max(depths), 2),
+    }
+    write_rows(RESULTS / "objects_random.json", [row])
+
+
+def main(command_line: Sequence[str] | None = None) -> None:
+    """Runs the command."""
+    parser = make_parser(__doc__)
+    parser.add_argument("what", choices=("expert", "random"))
+    parser.add_argument("--hours", type=float, default=100.0, help="simulated time of random actions")
+    given = parser.parse_args(command_line)
+    if given.what == "expert":
+        expert()
+    else:
+        random(given.hours)
+
+
+if __name__ == "__main__":
+    main()
