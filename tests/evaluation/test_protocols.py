@@ -229,7 +229,7 @@ def test_a_plan_has_the_numbers_of_its_protocol(name, dataset):
         (condition.task_name or KITCHEN.task_name, condition.task_kwargs) for condition in protocol.conditions
     ]
     assert {(spec.seed, spec.max_episode_steps, spec.seeding) for spec in made.specs.values()} == {
-        (protocol.seed, protocol.max_episode_steps or 280, "gymnasium")
+        (protocol.seed, protocol.max_episode_steps or suite.find_domain(domain_of(name)).episode_steps, "gymnasium")
     }
     assert (made.num_episodes, made.score) == (protocol.num_episodes, protocol.score)
 
