@@ -20,12 +20,16 @@ from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS
 from kitchen_suite.evaluation.text import format_comparison, format_evaluation, format_methods, p_text
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.generated_kitchens import certificates
+from kitchen_suite.tasks.pick_and_place import certificates as object_certificates
+from kitchen_suite.tasks.pick_and_place.certificates import ObjectCertificate
+from kitchen_suite.tasks.pick_and_place.requests import VERBS as OBJECT_VERBS
 
 RESULTS = Path(__file__).resolve().parent.parent / "experiments" / "results"
 
 
 # Certificates that the package has.
 CERTIFICATES = Path(certificates.__file__).parent / "certificates"
+OBJECT_CERTIFICATES = Path(object_certificates.__file__).parent / "certificates"
 
 
 def read_results(name: str) -> Any:
@@ -634,6 +638,43 @@ def certificate_table() -> str:
     return markdown(header, rows)
 
 
+def object_certificate_table() -> str:
+    """Returns the table of kitchens with a certified task with objects, from the certificates that the package has."""
+    rows = []
+    for path in sorted(OBJECT_CERTIFICATES.glob("*.jsonl")):
+        found = certificates.read(path, ObjectCertificate).values()
+        for verb in OBJECT_VERBS:
+            tried = [
+                [steps for name, steps in each.steps.items() if name.startswith(f"{verb} ")]
+                for each in found
+                if any(name.startswith(f"{verb} ") for name in each.steps)
+            ]
+            kitchens = sum(any(steps is not None for steps in each) for each in tried)
+            tasks = [steps is not None for each in tried for steps in each]
+            cells = (f"{len(tried)}", f"{kitchens}", f"{len(tasks)}", f"{sum(tasks)}")
+            rows.append((f"`{path.stem}`", f"`{verb}`", *cells))
+    return markdown(
+        ("split", "verb", "kitchens with such tasks", "with a certified one", "tasks tried", "certified"), rows
+    )
+
+
+def objects_expert_table() -> str:
+    """Returns the table of the expert's success with objects, from `docs/experiments/objects.py expert`."""
+    rows = [
+        (
+            f"`{row['split']}`",
+            "certified" if row["certified"] else "any",
+            f"`{row['verb']}`",
+            row["episodes"],
+            f"{row['completed'] / row['episodes']:.0%}",
+            row["dropped"],
+        )
+        for row in read_results("objects_expert")
+    ]
+    header = ("split", "requests", "verb", "episodes", "completed", "episodes with an object dropped")
+    return markdown(header, rows)
+
+
 def kitchens_expert_table() -> str:
     """Returns the table of the expert's success with fresh noise, from `docs/experiments/kitchens.py expert`."""
     (result,) = read_results("kitchens_expert")
@@ -865,6 +906,8 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "offline_results": offline_table,
     "offline_online": offline_online_table,
     "kitchens_certificates": certificate_table,
+    "pick_and_place_certificates": object_certificate_table,
+    "pick_and_place_expert": objects_expert_table,
     "kitchens_expert": kitchens_expert_table,
     "kitchens_modes": kitchens_mode_table,
     "kitchens_designs": kitchens_design_table,
