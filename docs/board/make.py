@@ -1,8 +1,8 @@
 """Checks the rows of the board, replays their receipts, and writes the page docs/results/board.md.
 
-python docs/board/make.py                  replays the receipts that `replayed.json` does not name
-python docs/board/make.py --all            replays all
-python docs/board/make.py --known=FILE     replays those that another table does not name, such as that of the main branch
+python docs/board/make.py               replays the receipts that `replayed.json` does not name
+python docs/board/make.py --all         replays all
+python docs/board/make.py --known=FILE  replays those that another table, such as the main branch's, does not name
 
 A row that does not hold is refused in one line, with exit status 1, and nothing is written.
 """

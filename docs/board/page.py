@@ -1,6 +1,6 @@
 """The page of the board, made from its rows."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rows import BOARDS, Receipt, Row
@@ -8,23 +8,23 @@ from tabulate import tabulate
 
 from kitchen_suite.episodes.report import in_markdown
 from kitchen_suite.evaluation.paired_scores import PairedScore, adjusted, paired_scores
-from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.text import p_text
 
 _INTRODUCTION = """\
 # Board
 
-Success of policies under the suite's own [protocols](../guide/protocols.md), with a [receipt](../guide/evaluation.md#receipts) for each number:
-`kitchen-replay` plays its episodes again on your machine, without the policy. [Add a row](../board/README.md) has what a receipt proves and what
-it does not, and the way to a row of your own.
+Success of policies under the suite's own [protocols](../guide/protocols.md). Each number has a
+[receipt](../guide/evaluation.md#receipts): `kitchen-replay` plays its episodes again on your machine, without the
+policy. [Add a row](../board/README.md) says what a receipt proves and what it does not, and how your policy gets a row.
 
-This page is made from the folders of `docs/board/` by `python docs/board/make.py`, which refuses a row whose receipts do not hold. Intervals are of
-95 %. *Difference* is the score by which the table is in order, less that of the first row, in percentage points, in the same episodes
-([how](../guide/comparison.md#what-an-interval-says)); p is adjusted for the number of differences. *Observed* and *cost of training* are
-what the row states.
+`python docs/board/make.py` makes this page from the folders of `docs/board/`, and refuses a row whose receipts do not
+hold. *Difference* is the score by which a table is in order, less that of its first row, in percentage points and in
+[the same episodes](../guide/comparison.md#what-an-interval-says); intervals are of 95 %, and p is adjusted for the
+number of differences. What is *observed* and the *cost of training* are what the rows state.
 """
 
-_PARTS = {"clean_success": "clean success", "success": "success"}
+# Names of the scores that have a column, where they were measured.
+_RATES = {"clean_success": "clean success", "success": "success"}
 
 
 def page(rows: Sequence[Row]) -> str:
@@ -42,7 +42,7 @@ def section(protocol: str, rows: Sequence[Row]) -> str:
         return f"## `{protocol}`\n\nThere is no row yet.\n"
     differences = differences_from_best([row.receipts[protocol] for row in listed], score)
     scores = [row.receipts[protocol].evaluation.scores for row in listed]
-    rates = [name for name in _PARTS if any(name in each for each in scores)]
+    rates = [name for name in _RATES if any(name in each for each in scores)]
     cells = [
         (
             f"[{row.statement.title}](#{anchor(row.statement.title)})",
@@ -54,15 +54,14 @@ def section(protocol: str, rows: Sequence[Row]) -> str:
         )
         for row, each, difference in zip(listed, scores, differences, strict=True)
     ]
-    header = ("row", "observed", *(f"{_PARTS[name]} [%]" for name in rates), "difference", "p (Holm)")
+    header = ("row", "observed", *(f"{_RATES[name]} [%]" for name in rates), "difference", "p (Holm)")
     header = (*header, "cost of training", "receipt")
     text = tabulate(cells, header, tablefmt="github", disable_numparse=True)
     plan = listed[0].receipts[protocol].evaluation.plan
     count = f"{plan.num_episodes * len(plan.specs)} episodes"
-    unit = f"in {len(plan.specs)} {plan.unit}s, over which intervals are, " if plan.is_sample else ""
-    follows = PROTOCOLS[protocol].follows.partition("; score:")[0]
-    order = f"In the order of {_PARTS[score]}."
-    return f"## `{protocol}`\n\n{count} {unit}of this protocol: {follows}. {order}\n\n{text}\n"
+    unit = f"; intervals are those of the mean over {plan.unit}s" if plan.is_sample else ""
+    caption = f"{BOARDS[protocol].text} {count}{unit}. In the order of {_RATES[score]}."
+    return f"## `{protocol}`\n\n{caption}\n\n{text}\n"
 
 
 def ranking(protocol: str, rows: Sequence[Row]) -> list[Row]:
@@ -113,9 +112,9 @@ def _ordered(rows: Sequence[Row]) -> list[Row]:
 
 
 def _source(row: Row) -> str:
-    """Returns the paragraph on how a row was made."""
+    """Returns the paragraph on how a row was made; its commands have no language, so that no test runs them."""
     stated = row.statement
     lines = "\n".join(stated.commands)
     training, cost, policy = map(in_markdown, (stated.training, stated.cost, stated.policy))
     text = f"Policy {policy} ([source]({stated.link})). {training} Cost of training: {cost}."
-    return f"### {stated.title}\n\n{text}\n\n```sh hours\n{lines}\n```\n"
+    return f"### {stated.title}\n\n{text}\n\n```\n{lines}\n```\n"

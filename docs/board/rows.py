@@ -1,7 +1,8 @@
 """Rows of the board: what they state, and whether their receipts prove it.
 
-A row is a folder with `row.json`, which has the fields of `Statement`, and with a receipt `PROTOCOL.npz` for each protocol
-that it names. `read_rows` checks all that can be checked without a simulation, and `replay` plays a receipt again.
+A row is a folder with `row.json`, which has the fields of `Statement`, and with a receipt `PROTOCOL.npz` for each
+protocol that it names. `read_rows` checks all that can be checked without a simulation, and `replay` plays a receipt
+again.
 """
 
 import dataclasses
@@ -22,16 +23,32 @@ from kitchen_suite.versions import machine
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Board:
-    """A table of the board: its protocol's domain, and the score by which rows are in order."""
+    """A table of the board.
+
+    Attributes:
+      domain_name: of its protocol's episodes.
+      score: by which rows are in order; a rate.
+      text: what its episodes ask for.
+    """
 
     domain_name: str
     score: str
+    text: str
 
 
 BOARDS: Mapping[str, Board] = MappingProxyType(
     {
-        "unseen-kitchens": Board(domain_name="kitchens", score="success"),
-        "clean": Board(domain_name="kitchen", score="clean_success"),
+        "unseen-kitchens": Board(
+            domain_name="kitchens",
+            score="success",
+            text="One part to open, in each of 100 generated kitchens that no policy has seen, in fast physics.",
+        ),
+        "clean": Board(
+            domain_name="kitchen",
+            score="clean_success",
+            text="Four of seven tasks, drawn for each episode, from varied starts; an episode is a clean success if "
+            "nothing else is disturbed, and no more than 10 N act on the bare arm.",
+        ),
     }
 )
 """The tables of the board by protocol, in the order of the page."""
