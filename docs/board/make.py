@@ -36,7 +36,7 @@ def make(folder: Path, known: dict[str, str], *, replay_all: bool = False) -> tu
     Raises:
       RefusedError: a row does not hold.
     """
-    found = rows.read_rows(folder)
+    found = rows.read_rows(folder, known)
     receipts = [receipt for row in found for receipt in row.receipts.values()]
     for receipt in receipts:
         if replay_all or receipt.sha256 not in known:

@@ -126,14 +126,20 @@ class Row:
     receipts: Mapping[str, Receipt]
 
 
-def read_rows(folder: Path) -> list[Row]:
+def read_rows(folder: Path, known: Collection[str] = ()) -> list[Row]:
     """Returns the rows in a folder, in the order of their names.
 
-    Raises a RefusedError for the first that does not agree with itself, with its protocols or with another row.
+    Args:
+      folder: of the board.
+      known: SHA-256 of receipts whose replay was equal. Of two rows with the same episodes, it is the other's copy.
+
+    Raises:
+      RefusedError: a row does not agree with itself, with its protocols or with another row.
     """
     rows = [read_row(each) for each in sorted(folder.iterdir()) if each.is_dir() and each.name != "__pycache__"]
     for protocol in BOARDS:
-        _refuse_copies([row.receipts[protocol] for row in rows if protocol in row.receipts])
+        receipts = [row.receipts[protocol] for row in rows if protocol in row.receipts]
+        _refuse_copies(sorted(receipts, key=lambda receipt: receipt.sha256 not in known))
     return rows
 
 
@@ -203,7 +209,7 @@ def _episodes(evaluation: Evaluation) -> Iterator[tuple[str, str, bytes]]:
 
 
 def _refuse_copies(receipts: Sequence[Receipt]) -> None:
-    """Raises a RefusedError if a receipt has an episode of another row, with the same numbers to the bit."""
+    """Raises a RefusedError if a receipt has an episode of an earlier one, with the same numbers to the bit."""
     owners: dict[bytes, str] = {}
     for receipt in receipts:
         digests = {digest for _, _, digest in _episodes(receipt.evaluation)}

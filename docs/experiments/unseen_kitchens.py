@@ -5,8 +5,8 @@ python docs/experiments/unseen_kitchens.py FOLDER train    what is missing of th
 python docs/experiments/unseen_kitchens.py FOLDER ship     copies the policy to the package
 
 It is cloned from the expert's demonstrations in kitchens of the split `train`. FOLDER keeps recordings and the run: the
-same command continues after an interrupt. `python docs/experiments/evaluation.py FOLDER trained:unseen-kitchens`
-evaluates it in kitchens of the split `test`. It needs the extras `experts` and `train`.
+same command continues after an interrupt. Its evaluation in kitchens of the split `test` is on the board, see
+docs/results/board.md. It needs the extras `experts` and `train`.
 """
 
 import contextlib
