@@ -137,6 +137,11 @@ def read_rows(folder: Path, known: Collection[str] = ()) -> list[Row]:
       RefusedError: a row does not agree with itself, with its protocols or with another row.
     """
     rows = [read_row(each) for each in sorted(folder.iterdir()) if each.is_dir() and each.name != "__pycache__"]
+    titles: dict[str, str] = {}
+    for row in rows:
+        if row.statement.title in titles:
+            raise RefusedError(f"{row.name}: the row {titles[row.statement.title]} has the same title")
+        titles[row.statement.title] = row.name
     for protocol in BOARDS:
         receipts = [row.receipts[protocol] for row in rows if protocol in row.receipts]
         _refuse_copies(sorted(receipts, key=lambda receipt: receipt.sha256 not in known))

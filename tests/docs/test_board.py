@@ -111,6 +111,13 @@ def test_a_receipt_of_a_protocol_that_the_board_has_not_is_refused(make, board, 
     assert_refused(make, board, tmp_path, capsys, "protocol of the board 'default' does not exist")
 
 
+def test_two_rows_of_one_title_are_refused(make, board, tmp_path, capsys):
+    title = json.loads((board / OTHER / "row.json").read_text(encoding="utf-8"))["title"]
+    state(board, title=title)
+    assert make.main([], board, tmp_path / "page.md") == 1
+    assert capsys.readouterr().err == f"refused: {OTHER}: the row {FORGED} has the same title\n"
+
+
 def test_markup_in_a_row_stays_text(make, board):
     state(board, cost="<b>1</b> | [hour](x)")
     text, _ = make.make(board, json.loads((board / "replayed.json").read_text(encoding="utf-8")))
