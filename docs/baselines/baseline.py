@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kitchen_suite
-from kitchen_suite import EnvironmentSpec
+from kitchen_suite import EnvironmentSpec, Recording
 from kitchen_suite.evaluation.text import format_evaluation
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
+from kitchen_suite.training import demonstrations
+from kitchen_suite.training.demonstrations import Demonstrations
 
 INPUT_EPSILON = 0.01  # Added to the standard deviations of inputs.
 
@@ -27,12 +29,35 @@ def make_parser(documentation: str | None, config: type, num_steps: int) -> argp
     parser.add_argument("--output", type=Path, required=True, help="new folder of settings, scores and receipt")
     parser.add_argument("--num_steps", type=int, default=num_steps, help="steps of the optimiser (%(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the training (%(default)s)")
+    parser.add_argument("--protocol", default="default", help="of the evaluation (%(default)s)")
     parser.add_argument("--eval_episodes", type=int, default=100, help="(%(default)s)")
     parser.add_argument("--eval_seed", type=int, default=400_000_000, help="of the first episode (%(default)s)")
     for field in dataclasses.fields(config):
         kind = type(field.default)
         parser.add_argument(f"--{field.name}", type=kind, default=argparse.SUPPRESS, help=f"({field.default})")
     return parser
+
+
+def add_demonstrations(parser: argparse.ArgumentParser) -> None:
+    """Adds the flags of baselines that learn from successful episodes, and may be evaluated on another task."""
+    parser.add_argument("recordings", type=Path, nargs="+", help="folders of kitchen-record")
+    parser.add_argument("--num_demonstrations", type=int, help="episodes of each recording; all without it")
+    parser.add_argument("--task_name", help="to evaluate on; that of the recording without it")
+    of_task = "of that task, as JSON, such as variations; those of the recording without it"
+    parser.add_argument("--task_kwargs", type=json.loads, help=of_task)
+
+
+def load_demonstrations(given: argparse.Namespace) -> tuple[EnvironmentSpec, PolicyInputs, Demonstrations]:
+    """Returns the task to evaluate on, what policies take of its observations, and the successful episodes."""
+    recorded = Recording.open(given.recordings[0]).spec
+    task_kwargs = recorded.task_kwargs if given.task_kwargs is None else given.task_kwargs
+    spec = EnvironmentSpec.make(recorded.domain_name, given.task_name or recorded.task_name, task_kwargs)
+    observed = policy_inputs(spec)
+    counts = [given.num_demonstrations] if given.num_demonstrations else []
+    found = demonstrations.load_demonstrations(given.recordings, spec, requested_tasks(observed), counts)
+    if found.state_elements is not None:
+        raise SystemExit("the recordings hold a part of the state alone")
+    return spec, observed, found
 
 
 def changes(config: type, given: argparse.Namespace) -> dict[str, Any]:
@@ -87,14 +112,14 @@ def generators(first_seed: int) -> Iterator[np.random.Generator]:
 def evaluate(policy: ChunkPolicy, spec: EnvironmentSpec, given: argparse.Namespace) -> None:
     """Evaluates a policy on a task, and writes scores and receipt.
 
-    The protocol `default` varies the start unless the arguments of the task say what varies.
+    Protocols such as `default` vary the start unless the arguments of the task say what varies.
     """
     # One episode after the other, by time steps: the policy keeps a chunk of actions between control steps, and drops
     # it at the first time step of an episode.
     evaluation = kitchen_suite.evaluate(
         policy,
         takes="timestep",
-        protocol="default",
+        protocol=given.protocol,
         domain_name=spec.domain_name,
         task_name=spec.task_name,
         task_kwargs=spec.task_kwargs,

@@ -12,11 +12,9 @@ transformer of published policies; its weights are averaged, and its learning ra
 """
 
 import dataclasses
-import json
 import math
 import time
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import baseline
 import numpy as np
@@ -24,11 +22,10 @@ import torch
 from numpy.typing import NDArray
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from kitchen_suite import EnvironmentSpec, Recording
 from kitchen_suite.policies.networks import ResidualNetwork, Scales
 from kitchen_suite.tasks.policy_inputs import PolicyInputs
 from kitchen_suite.training.bc import Network, scales_of
-from kitchen_suite.training.demonstrations import Demonstrations, load_demonstrations
+from kitchen_suite.training.demonstrations import Demonstrations
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -147,23 +144,12 @@ class FlowPolicy(baseline.ChunkPolicy):
 def main(arguments: Sequence[str] | None = None) -> None:
     """Trains and evaluates."""
     parser = baseline.make_parser(__doc__, Config, num_steps=12_000)
-    parser.add_argument("recordings", type=Path, nargs="+", help="folders of kitchen-record")
-    parser.add_argument("--num_demonstrations", type=int, help="episodes of each recording; all without it")
-    parser.add_argument("--task_name", help="to evaluate on; that of the recording without it")
-    of_task = "of that task, as JSON, such as variations; those of the recording without it"
-    parser.add_argument("--task_kwargs", type=json.loads, help=of_task)
+    baseline.add_demonstrations(parser)
     given = parser.parse_args(arguments)
 
     given.output.mkdir(parents=True)
     config = Config(**baseline.changes(Config, given))
-    recorded = Recording.open(given.recordings[0]).spec
-    task_kwargs = recorded.task_kwargs if given.task_kwargs is None else given.task_kwargs
-    spec = EnvironmentSpec.make(recorded.domain_name, given.task_name or recorded.task_name, task_kwargs)
-    observed = baseline.policy_inputs(spec)
-    counts = [given.num_demonstrations] if given.num_demonstrations else []
-    demonstrations = load_demonstrations(given.recordings, spec, baseline.requested_tasks(observed), counts)
-    if demonstrations.state_elements is not None:
-        raise SystemExit("the recordings hold a part of the state alone")
+    spec, observed, demonstrations = baseline.load_demonstrations(given)
     started = time.process_time()
     network, scales = train(demonstrations, config, num_steps=given.num_steps, seed=given.seed)
     baseline.write_training(given, config, time.process_time() - started)

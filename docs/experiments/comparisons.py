@@ -44,7 +44,7 @@ METHODS = {
 }
 
 # Correlation of an equal policy's successes in a kitchen. The policy that comes with the package has 0.44 under
-# `unseen-kitchens`, and the expert 0.41: results/evaluation/trained_unseen-kitchens.json.
+# `unseen-kitchens`, and the expert 0.41: docs/results/board.md.
 CORRELATIONS = (0.0, 0.2, 0.4, 0.8)
 RATE = 0.8
 

@@ -32,6 +32,9 @@ Case = tuple[str, ...]
 # was trained for them.
 NOT_FOR = {"random": (), "expert": ("goal-reaching",), "trained": ("goal-reaching",)}
 
+# Protocols whose results are on the board, with their receipts: docs/board/make.py.
+ON_BOARD = ("clean", "unseen-kitchens")
+
 # Demonstrations that goals are taken from: random 4 of the 7 tasks.
 DEMONSTRATIONS = 100
 
@@ -39,7 +42,7 @@ CASES: tuple[Case, ...] = tuple(
     case
     for policy in POLICIES
     for case in (*((policy, each) for each in PROTOCOLS), (policy, "all", "default"))
-    if case[-1] not in NOT_FOR[policy]
+    if case[-1] not in (*NOT_FOR[policy], *ON_BOARD)
 )
 
 # Greatest receipt that is kept in the repository [bytes].

@@ -6,9 +6,8 @@ python docs/experiments/unseen_kitchens.py FOLDER ship     copies the policy to 
 
 The policy opens parts of kitchens; with --domain=pick_and_place, another one puts objects away. It is cloned from the
 expert's demonstrations in kitchens of the split `train`. FOLDER keeps recordings and the run: the same command
-continues after an interrupt. `python docs/experiments/evaluation.py FOLDER trained:unseen-kitchens` evaluates it in
-kitchens of the split `test`, with `trained:unseen-pick-and-place` the other one. It needs the extras `experts` and
-`train`.
+continues after an interrupt. The evaluation of the first in kitchens of the split `test` is on the board, see
+docs/results/board.md. It needs the extras `experts` and `train`.
 """
 
 import contextlib

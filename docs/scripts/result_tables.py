@@ -228,8 +228,8 @@ def results() -> Iterator[Mapping[str, Any]]:
             yield {**result, "policy": path.stem.partition("_")[0]}
 
 
-# Protocols with tables of their own: with many conditions, or with scores over all of them.
-_APART = ("shift", "unseen-kitchens", "unseen-pick-and-place")
+# The protocol with tables of its own, since it has many conditions.
+_APART = "shift"
 
 
 def goals_table() -> str:
@@ -242,15 +242,13 @@ def goals_table() -> str:
             _overall(result),
         )
         for result in results()
-        if "overall" in result or PROTOCOLS[result["protocol"]].sampled
+        if "overall" in result
     ]
     return markdown(("protocol", "policy", "episodes", "score"), rows)
 
 
 def _overall(result: Mapping[str, Any]) -> str:
-    """Returns the scores of a result over all conditions; of those that are a sample with intervals."""
-    if names := PROTOCOLS[result["protocol"]].sampled:
-        return "; ".join(f"{name} {with_interval(result, name)}" for name in names)
+    """Returns the scores of a result over all conditions."""
     return "; ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in result["overall"].items())
 
 
@@ -270,7 +268,7 @@ def evaluation_table() -> str:
             f"{condition['control_steps']:.0f}",
         )
         for result in results()
-        if result["protocol"] not in _APART
+        if result["protocol"] != _APART
         for name, condition in result["conditions"].items()
     ]
     rates = (f"p{number}" for number in range(1, _MOST + 1))
@@ -293,7 +291,7 @@ def summary_table() -> str:
             _score(result, condition),
         )
         for result in results()
-        if result["protocol"] not in _APART and result["policy"] != "random"
+        if result["protocol"] != _APART and result["policy"] != "random"
         for name, condition in result["conditions"].items()
     ]
     header = ("protocol", "condition", "policy", "episodes", "p4", "mean tasks", "success", "score")
@@ -336,7 +334,7 @@ def shift_cost_table() -> str:
 
 def task_rate_table() -> str:
     """Returns the table of the rates of single tasks, in the first condition of each result."""
-    found = [result for result in results() if result["protocol"] not in _APART[1:]]
+    found = [*results()]
     tasks = sorted({task for result in found for task in result["task_rates"]})
     rows = [
         (f"`{result['protocol']}`", result["policy"], *(_task_rate(result["task_rates"].get(task)) for task in tasks))
@@ -361,9 +359,7 @@ def with_interval(condition: Mapping[str, Any], name: str) -> str:
 
 def _score(result: Mapping[str, Any], condition: Mapping[str, Any]) -> str:
     score = PROTOCOLS[result["protocol"]].score
-    # A protocol that measures the quality ranks by clean success.
-    name = score.name if score else "clean_success"
-    return f"{condition[name]:.3g}" if name in condition else ""
+    return f"{condition[score.name]:.3g}" if score and score.name in condition else ""
 
 
 def _task_rate(row: Mapping[str, Any] | None) -> str:

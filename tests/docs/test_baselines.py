@@ -7,6 +7,7 @@ import sys
 import pytest
 from docs_scripts import DOCS
 
+from kitchen_suite import Evaluation
 from kitchen_suite.commands import record, replay
 
 pytestmark = pytest.mark.clients
@@ -62,6 +63,15 @@ def test_flow_matching_is_evaluated_in_another_task(demonstrations, tmp_path):
     run("flow", demonstrations, f"--output={output}", "--task_name=kettle", "--task_kwargs={}", *SHORT)
     assert_evaluated(output)
     assert json.loads((output / "evaluation.json").read_text(encoding="utf-8"))["task_name"] == "kettle"
+
+
+def test_action_chunking_with_transformers_is_evaluated_under_a_protocol_of_the_board(demonstrations, tmp_path):
+    output = tmp_path / "act"
+    task = ("--task_name=random_4", '--task_kwargs={"variations": ["start"]}', "--protocol=clean")
+    run("act", demonstrations, f"--output={output}", *task, *SHORT)
+    assert_evaluated(output)
+    evaluation = Evaluation.read(output / "receipt.npz")
+    assert [*evaluation.plan.changes] == ["num_episodes"]
 
 
 @pytest.mark.parametrize("extraction", [pytest.param("weights", marks=pytest.mark.nightly), "flow"])
