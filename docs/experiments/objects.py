@@ -80,7 +80,9 @@ def play_random(design: int, episodes: int) -> tuple[int, int, float]:
     bodies = [model.id2name(body, "body").split("/")[0] for body in model.geom_bodyid]
     own = np.array([name in environment.task.scene.layout.names for name in bodies])
     robot = np.array([name == "franka" for name in bodies])
-    steps, diverged, depth = 0, 0, 0.0
+    steps = 0
+    diverged = 0
+    depth = 0.0  # [m]
     for _ in range(episodes):
         timestep = environment.reset()
         while not timestep.last():
@@ -102,12 +104,12 @@ def random(hours: float) -> None:
     """Measures what random actions do."""
     episodes = max(1, round(hours * 3600 / (KITCHENS * STEPS * TIMESTEP)))
     played = in_processes(functools.partial(play_random, episodes=episodes), range(KITCHENS))
-    steps, diverged, depths = zip(*tqdm(played, total=KITCHENS, unit="kitchen", disable=None), strict=True)
+    results = [*tqdm(played, total=KITCHENS, unit="kitchen", disable=None)]
     row = {
-        "hours": round(sum(steps) * TIMESTEP / 3600, 2),
+        "hours": round(sum(steps for steps, _, _ in results) * TIMESTEP / 3600, 2),
         "episodes": KITCHENS * episodes,
-        "diverged": sum(diverged),
-        "depth_mm": round(1e3 * max(depths), 2),
+        "diverged": sum(diverged for _, diverged, _ in results),
+        "depth_mm": round(1e3 * max(depth for _, _, depth in results), 2),
     }
     write_rows(RESULTS / "objects_random.json", [row])
 

@@ -223,7 +223,7 @@ class _ObjectKitchen:
             slot = self._parts.find(row).slot
             if (column := self._part_columns[slot]) is not None:
                 self._qpos[column] = self._parts.slots.opened[slot] * row[SLOT_SLICES["opening"].start]
-        # Observed objects by their index in the layout: the nearest of their kind.
+        # Observed objects by their index in the layout; which of two that are alike does not matter.
         self._numbers = self._match(self._things)
         for thing, number in zip(self._things, self._numbers, strict=True):
             column = self._columns[number]
