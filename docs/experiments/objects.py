@@ -19,6 +19,8 @@ from tqdm import tqdm
 
 from kitchen_suite import policies, suite
 from kitchen_suite.entities.kitchen_designs import SPLITS
+from kitchen_suite.tasks.pick_and_place.mdp import PickAndPlaceState
+from kitchen_suite.tasks.pick_and_place.task import PickAndPlaceTask
 
 KITCHENS = 100  # Of each split.
 
@@ -27,7 +29,25 @@ SEED, EPISODES = 1000, 2
 
 EXPERT = RESULTS / "objects_expert.json"
 
+# Least distance by which the hand, or an object, has moved [m].
+MOVED = 0.02
+
 STEPS, TIMESTEP = 500, 0.08  # Control steps in an episode, and their length [s].
+
+
+# Causes of failures, by their names in results.
+CAUSES = ("no_way", "not_moved", "on_floor", "elsewhere")
+
+
+def cause(task: PickAndPlaceTask, start: PickAndPlaceState, reach: float) -> str:
+    """Returns why an episode that asks for one object failed; `reach` is how far the hand came from its start [m]."""
+    (asked,) = np.flatnonzero(start.requested)
+    if reach < MOVED:
+        return "no_way"
+    if task.state.dropped[asked]:
+        return "on_floor"
+    moved = np.linalg.norm(task.state.centres[asked] - start.centres[asked])
+    return "not_moved" if moved < MOVED else "elsewhere"
 
 
 def play_expert(kitchen: tuple[str, int], certified: bool) -> list[dict[str, Any]]:
@@ -42,12 +62,16 @@ def play_expert(kitchen: tuple[str, int], certified: bool) -> list[dict[str, Any
     played = []
     for _ in range(EPISODES):
         timestep = environment.reset()
-        (name,) = environment.task.requested_tasks
+        task, start = environment.task, environment.task.state
+        (name,) = task.requested_tasks
+        reach = 0.0
         while not timestep.last():
             timestep = environment.step(act(timestep))
-        metrics = environment.task.episode_metrics
-        done, dropped = bool(metrics["success"]), bool(metrics["objects_dropped"])
-        played.append({"verb": name.split(" ")[0], "completed": done, "dropped": dropped})
+            reach = max(reach, float(np.linalg.norm(task.state.hand[:3] - start.hand[:3])))
+        metrics = task.episode_metrics
+        failed = "" if metrics["success"] else cause(task, start, reach)
+        dropped = bool(metrics["objects_dropped"])
+        played.append({"design": design, "verb": name.split(" ")[0], "cause": failed, "dropped": dropped})
     return played
 
 
@@ -63,7 +87,8 @@ def expert(split: str, certified: bool) -> None:
     rows = [
         {
             **{"certified": certified, "split": split, "verb": verb, "episodes": len(episodes)},
-            "completed": sum(episode["completed"] for episode in episodes),
+            "completed": sum(not episode["cause"] for episode in episodes),
+            **{name: sum(episode["cause"] == name for episode in episodes) for name in CAUSES},
             "dropped": sum(episode["dropped"] for episode in episodes),
         }
         for verb, episodes in sorted(by_verb.items())

@@ -663,11 +663,13 @@ def objects_expert_table() -> str:
             f"`{row['verb']}`",
             row["episodes"],
             f"{row['completed'] / row['episodes']:.0%}",
+            *(row[cause] for cause in ("no_way", "not_moved", "elsewhere", "on_floor")),
             row["dropped"],
         )
         for row in read_results("objects_expert")
     ]
-    header = ("split", "requests", "verb", "episodes", "completed", "episodes with an object dropped")
+    causes = ("no way found", "not moved", "elsewhere", "on the floor")
+    header = ("split", "requests", "verb", "episodes", "completed", *causes, "any object dropped")
     return markdown(header, rows)
 
 

@@ -6,6 +6,8 @@ import pytest
 from kitchen_suite import policies, suite
 from kitchen_suite.policies.experts import grasps
 from kitchen_suite.policies.experts.base import make
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN
+from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory
 
 # Tasks in kitchens of the split `test`, in which the expert is certified to complete them.
 TASKS = [
@@ -104,3 +106,48 @@ def test_an_object_that_has_fallen_over_is_left_alone():
     expert.reset(np.random.default_rng(0))
     expert.act(observation)
     assert expert._current_trajectory.duration == 0.0
+
+
+def test_what_is_carried_turns_smoothly():
+    corner = np.zeros((3, 7))
+    corner[1:, 0] = 1.0
+    corner[2, 1] = 1.0
+    limits = JointSpeedLimits(joint_speed=(0.05,) * 7, timestep=0.08)
+    start, end = (JointTrajectory.stationary(np.full(7, place), OPEN) for place in (-1.0, 2.0))
+    held = JointTrajectory(times=np.array([0.0, 20.0, 40.0]), knots=corner, fingers=np.full(3, CLOSED))
+    sharp = start.then(held, limits).then(end, limits)
+    smooth = sharp.smoothed(6.0)
+    steps = np.arange(sharp.duration)
+    positions = [np.stack([each.at(time)[0] for time in steps]) for each in (sharp, smooth)]
+    fingers = [np.array([each.at(time)[1] for time in steps + 0.5]) for each in (sharp, smooth)]
+    np.testing.assert_array_equal(*fingers)
+    is_free = fingers[0] == OPEN
+    assert 0.2 < is_free.mean() < 0.8
+    np.testing.assert_allclose(positions[1][is_free], positions[0][is_free], atol=1e-9)
+    assert smooth.duration == sharp.duration
+    np.testing.assert_array_equal(smooth.knots[-1], sharp.knots[-1])
+    turns = [np.abs(np.diff(each[~is_free], n=2, axis=0)).max() for each in positions]
+    assert turns[1] < 0.3 * turns[0]
+    # No farther from the path than the window is wide.
+    assert np.abs(positions[1] - positions[0]).max() < 6.0 * 0.05
+
+
+def test_a_hand_that_is_left_beside_what_it_put_down_leaves_it():
+    environment = load(1, object_noise_ratio=0.0, robot_noise_ratio=0.0)
+    task = environment.task
+    task.follow(task.checked_reset({"requested_tasks": ["put_on mug tray"]}))
+    timestep = environment.reset()
+    expert = make(task)
+    observation = task.policy_inputs.flatten(timestep.observation).ravel().astype(np.float64)
+    row = observation[grasps.SLICES["objects"]].reshape(grasps.MAX_OBJECTS, -1)[0]
+    joints = observation[grasps.SLICES["joint_positions"]][:7]
+    hand = expert.encoder.arm.kinematics.forward(joints).translation()
+    # The tray, and the mug on it, are where the hand is.
+    row[grasps.OBJECT_SLICES["position"]] = hand - grasps.robot_base()
+    row[grasps.OBJECT_SLICES["goal_position"]] = hand - grasps.robot_base() - [0.0, 0.0, 0.03]
+    assert grasps.things(observation)[0].is_done
+    expert.reset(np.random.default_rng(0))
+    for _ in range(20):
+        expert.act(observation)
+    last = expert.encoder.arm.kinematics.forward(expert._current_trajectory.knots[-1]).translation()
+    assert last[2] - hand[2] > 0.05

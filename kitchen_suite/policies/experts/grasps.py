@@ -17,7 +17,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 FROM_ABOVE = SURFACES | {"drawer"}  # Kinds of places that the hand reaches from above.
 _LEAST_BEFORE = 0.33  # Least distance from the robot's axis at which the hand turns towards a place with a front [m].
-CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.15, 0.1, 0.25  # Speeds of the hand [m/s].
+CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.1, 0.1, 0.25  # Speeds of the hand [m/s].
 _CLOSE_STEPS, _OPEN_STEPS, _REST_STEPS = 9, 6, 3  # Control steps in which fingers close and open, and the hand rests.
 _RAISED = 0.02  # Height above its support at which an object is moved into a place with a front, or out of it [m].
 _LEAVING = 0.12  # How far the hand moves back from what it has let go [m].
@@ -214,7 +214,7 @@ def hold(thing: Thing, pitch: float) -> tuple[Array, list[float]]:
             held = (0.0, 0.0, 0.05)
         case "bottle":
             # By its neck from above.
-            held = (0.0, 0.0, 0.122 if pitch > _HALF_STEEP else 0.05)
+            held = (0.0, 0.0, 0.13 if pitch > _HALF_STEEP else 0.05)
         case "carton":
             held = (0.0, 0.0, 0.045)
             ahead = axis if np.cos(axis - radial) > 0.0 else axis + np.pi

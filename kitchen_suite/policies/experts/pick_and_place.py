@@ -41,10 +41,12 @@ from kitchen_suite.types import Array
 _ENTRIES = (0.3, 0.2, 0.4)  # Distances from which the hand moves straight into a place with a front [m].
 _ABOVE = 0.006  # Height above its support at which an object is let go [m].
 _JOINT_SHARE = 0.5  # Share of the joints' greatest speeds with which objects are carried.
-_TURN_SPEED = 1.2  # Speed with which the hand turns what it carries [rad/s].
+_TURN_SPEED = 0.8  # Speed with which the hand turns what it carries [rad/s].
+_SMOOTHING = 10.0  # Half width of the moving average of the motions with which objects are carried [control steps].
 _FEW = 3  # Number of joint positions at which the robot may brush against something where it cannot do without.
 _LEAST_UPRIGHT = 0.6  # Least cosine of the tilt of what is carried.
-_ATTEMPTS = 4  # Number of motions that are tried for an object.
+_ATTEMPTS = 8  # Number of motions that are tried for an object.
+_BESIDE_HAND = 0.15  # Distance of an object's base from the hand within which it counts as beside it [m].
 _SETTLE_STEPS = 8  # Control steps from the end of a trajectory to the failure of its task.
 
 # Pitches of the hand below the horizontal, and azimuths relative to the usual one, that are tried [rad].
@@ -106,9 +108,13 @@ class ObjectExpert(Expert):
         closed = self._closed_part(observation)
         if closed is not None:
             return self._opening(closed, observation, joints)
-        asked = (thing for thing in things(observation) if thing.goal_kind and thing.is_upright and not thing.is_done)
-        pending = [thing for thing in asked if self._failures[thing.row] < _ATTEMPTS]
+        asked = [thing for thing in things(observation) if thing.goal_kind]
+        pending = [
+            thing for thing in asked if thing.is_upright and not thing.is_done and self._failures[thing.row] < _ATTEMPTS
+        ]
         if not pending:
+            if self._is_beside(asked, joints):
+                return self._leaving(joints)
             return None if self._trajectory is not None else JointTrajectory.stationary(joints, skills.OPEN)
         thing = min(pending, key=lambda each: self._failures[each.row])
         self._present = thing.row
@@ -118,6 +124,19 @@ class ObjectExpert(Expert):
         motion = self._kitchen.motion(thing, joints, self.encoder.limits, self._failures[thing.row], offset)
         # Others are looked for in the next attempt.
         return motion or JointTrajectory.stationary(joints, self._fingers)
+
+    def _is_beside(self, asked: Sequence[Thing], joints: Array) -> bool:
+        """Returns whether the open hand is beside an object that is where it is to be, and so has not let go."""
+        hand = self._kinematics.forward(joints).translation()
+        is_open = self._trajectory is not None and self._current_fingers == skills.OPEN
+        return is_open and any(thing.is_done and np.linalg.norm(hand - thing.base) < _BESIDE_HAND for thing in asked)
+
+    def _leaving(self, joints: Array) -> JointTrajectory:
+        """Returns the motion that takes the hand upwards."""
+        pose = self._kinematics.forward(joints)
+        above = mink.SE3.from_rotation_and_translation(pose.rotation(), pose.translation() + grasps.LIFT * grasps.UP)
+        leaving = JointTrajectory.stationary(self._kinematics.inverse(above, start=joints), skills.OPEN)
+        return JointTrajectory.stationary(joints, skills.OPEN).then(leaving, self._limits)
 
     @property
     def _fingers(self) -> float:
@@ -278,7 +297,7 @@ class _ObjectKitchen:
             motion = motion.then(grasp.trajectory, limits)
             for joints in carry:
                 motion = motion.then(JointTrajectory.stationary(joints, skills.CLOSED), slow)
-            found.append(motion.then(place.trajectory, slow))
+            found.append(motion.then(place.trajectory, slow).smoothed(_SMOOTHING))
             if len(found) == _FOUND:
                 break
         return min(found, key=lambda each: each.duration, default=None)

@@ -9,7 +9,7 @@ import mink
 import numpy as np
 
 from kitchen_suite.policies.experts.kinematics import ArmKinematics
-from kitchen_suite.policies.experts.skills import OPEN, UNLIMITED, ArcMove, Move, Revolute, Skill
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN, UNLIMITED, ArcMove, Move, Revolute, Skill
 from kitchen_suite.types import Array
 
 # Spacing of the poses on straight lines [m] and arcs [rad] for which inverse kinematics is solved. Between them the
@@ -18,6 +18,7 @@ _LINE_SPACING, _ARC_SPACING = 0.02, 0.06
 
 OUT_OF_REACH = 0.01  # Distance of the hand from a planned pose beyond which the pose is out of reach [m].
 _MIN_KNOT_INTERVAL = 1e-3  # Least time between two knots [control steps], so that no two have the same time.
+_AVERAGED = np.linspace(-1.0, 1.0, 9)  # Shares of the half width of a moving average at which positions are taken.
 _JOINT_SPACING = 0.1  # Spacing of the joint positions between which the hand's motion is measured [rad].
 
 
@@ -117,6 +118,24 @@ class JointTrajectory:
             knots=np.concatenate([self.knots, following.knots]),
             fingers=np.concatenate([self.fingers, following.fingers]),
         )
+
+    def smoothed(self, window: float) -> Self:
+        """This trajectory, without sudden turns where the fingers are closed.
+
+        There it is the moving average over a window of half this width [control steps], which is narrower next to the
+        times at which the fingers open and close. Turns shake what is held out of the fingers.
+        """
+        times = np.append(np.arange(0.0, self.duration), self.duration)
+        fingers = self.fingers[np.searchsorted(self.times, np.maximum(times - 0.5, 0.0)).clip(max=len(self.times) - 1)]
+        steps = np.arange(len(times))
+        is_free = fingers != CLOSED
+        since = steps - np.maximum.accumulate(np.where(is_free, steps, 0))
+        # Fingers are those on the way to a knot: from the last one with closed fingers on they open.
+        until = np.minimum.accumulate(np.where(is_free, steps - 1, steps[-1])[::-1])[::-1] - steps
+        widths = np.minimum(np.minimum(since, until.clip(min=0)), window)
+        around = times[:, np.newaxis] + widths[:, np.newaxis] * _AVERAGED
+        knots = [np.interp(around, self.times, joint).mean(axis=-1) for joint in self.knots.T]
+        return dataclasses.replace(self, times=times, knots=np.stack(knots, axis=-1), fingers=fingers)
 
 
 def plan(
