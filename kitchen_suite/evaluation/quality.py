@@ -24,8 +24,12 @@ INFOS: Mapping[str, float] = MappingProxyType(
         "energy": 0.0,
         "path_length": 0.0,
         "log_dimensionless_jerk": -math.inf,
+        "objects_dropped": 0.0,
     }
 )
+
+# Of infos that only some domains have, the names of these.
+_DOMAINS: Mapping[str, tuple[str, ...]] = MappingProxyType({"objects_dropped": ("pick_and_place",)})
 
 
 def is_clean(infos: Mapping[str, Any]) -> bool:
@@ -37,11 +41,23 @@ def is_clean(infos: Mapping[str, Any]) -> bool:
     return bool(infos["objects_disturbed"] == 0 and infos["peak_arm_contact_force"] <= STRAY_FORCE)
 
 
-def measures(success: bool, infos: Mapping[str, Any]) -> dict[str, bool | float]:
-    """Returns the measures of an episode from its success and its last infos, arrays without leading axis."""
-    return {CLEAN_SUCCESS: success and is_clean(infos), **{name: float(infos[name]) for name in INFOS}}
+def measures(spec: EnvironmentSpec, success: bool, infos: Mapping[str, Any]) -> dict[str, bool | float]:
+    """Returns the measures of an episode in an environment of a specification; none without `quality`.
+
+    Args:
+      spec: of the environment.
+      success: of the episode.
+      infos: its last infos, arrays without leading axis.
+    """
+    if not measured(spec):
+        return {}
+    return {CLEAN_SUCCESS: success and is_clean(infos), **{name: float(infos[name]) for name in _infos_of(spec)}}
 
 
 def measured(spec: EnvironmentSpec) -> tuple[str, ...]:
     """Returns the names of the measures of episodes in environments of a specification; none without `quality`."""
-    return (CLEAN_SUCCESS, *INFOS) if spec.argument("quality") else ()
+    return (CLEAN_SUCCESS, *_infos_of(spec)) if spec.argument("quality") else ()
+
+
+def _infos_of(spec: EnvironmentSpec) -> tuple[str, ...]:
+    return tuple(name for name in INFOS if spec.domain_name in _DOMAINS.get(name, (spec.domain_name,)))

@@ -93,9 +93,7 @@ def _result(
 
 def _with_quality(result: EpisodeResult, spec: EpisodeSpec, infos: Mapping[str, Any]) -> EpisodeResult:
     """Returns a result with the measures of the episode's quality, where it is measured, from its last infos."""
-    if not spec.argument("quality"):
-        return result
-    return dataclasses.replace(result, measures=episode_quality.measures(result.success, infos))
+    return dataclasses.replace(result, measures=episode_quality.measures(spec, result.success, infos))
 
 
 def watch_episodes(
