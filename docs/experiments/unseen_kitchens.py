@@ -23,6 +23,7 @@ from tqdm import tqdm
 
 import kitchen_suite
 from kitchen_suite.episodes.record import DivergedEpisodesError
+from kitchen_suite.episodes.recording import Recording
 from kitchen_suite.episodes.spec import EnvironmentSpec
 from kitchen_suite.policies.files import SHIPPED
 
@@ -37,7 +38,7 @@ class Kind(NamedTuple):
       task: that is learned.
       arguments: of the environments, beside the design.
       kitchens: number of kitchens of the split `train`.
-      episodes: in each of them; those in which the expert fails are left out.
+      episodes: in each of them, by task; those in which the expert fails are left out.
       steps: of the optimiser.
     """
 
@@ -45,7 +46,7 @@ class Kind(NamedTuple):
     task: str
     arguments: Mapping[str, Any]
     kitchens: int
-    episodes: int
+    episodes: Mapping[str, int]
     steps: int
 
 
@@ -57,7 +58,7 @@ KINDS = {
         "open",
         {"certified": True, "num_slots": 1, "control_mode": "ee_delta_pose"},
         kitchens=150,
-        episodes=12,
+        episodes={"open": 12},
         steps=15_000,
     ),
     "pick_and_place": Kind(
@@ -65,7 +66,8 @@ KINDS = {
         "any",
         {"num_slots": 2, "control_mode": "ee_delta_pose"},
         kitchens=100,
-        episodes=6,
+        # Most of them ask for what is done most often, and needs no part to be opened.
+        episodes={"any": 6, "put_on": 10},
         steps=15_000,
     ),
 }
@@ -76,24 +78,27 @@ def arguments(domain: str, design: int) -> dict[str, Any]:
     return {"design": design, "split": "train", **KINDS[domain].arguments}
 
 
-def record_kitchen(folder: Path, domain: str, design: int) -> Path:
-    """Records the demonstrations in a kitchen, or what is missing of them; returns their folder."""
-    kind = KINDS[domain]
-    output = folder / "demonstrations" / f"kitchen_{design}"
+def record_kitchen(folder: Path, domain: str, task_and_design: tuple[str, int]) -> Path:
+    """Records the demonstrations of a task in a kitchen, or what is missing of them; returns their folder."""
+    task, design = task_and_design
+    output = folder / "demonstrations" / f"{task}_{design}"
     if not (output / "complete").exists():
-        spec = EnvironmentSpec.make(domain, kind.task, arguments(domain, design))
+        spec = EnvironmentSpec.make(domain, task, arguments(domain, design))
+        count = KINDS[domain].episodes[task]
         # Where a few episodes diverge, the others are kept.
         with contextlib.suppress(DivergedEpisodesError):
-            kitchen_suite.record(output, spec, EXPERT, num_episodes=kind.episodes, seed=100 * design, num_threads=1)
+            kitchen_suite.record(output, spec, EXPERT, num_episodes=count, seed=100 * design, num_threads=1)
         (output / "complete").touch()
     return output
 
 
 def record(folder: Path, domain: str) -> list[Path]:
-    """Records the demonstrations in all kitchens; returns their folders."""
-    count = KINDS[domain].kitchens
-    recorded = in_processes(functools.partial(record_kitchen, folder, domain), range(count))
-    return [*tqdm(recorded, total=count, unit="kitchen", disable=None)]
+    """Records the demonstrations in all kitchens; returns the folders of those in which the expert succeeded."""
+    kind = KINDS[domain]
+    wanted = [(task, design) for task in kind.episodes for design in range(kind.kitchens)]
+    recorded = in_processes(functools.partial(record_kitchen, folder, domain), wanted)
+    outputs = [*tqdm(recorded, total=len(wanted), unit="recording", disable=None)]
+    return [output for output in outputs if Recording.open(output).successful]
 
 
 def train(folder: Path, domain: str) -> None:
