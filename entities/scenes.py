@@ -247,7 +247,7 @@ class Scene:
                 raise ValueError(
                     f"{FAST} physics of this scene throws free objects such as {names[0]!r} out of the fingers, since "
                     f"its steps of {fast.timestep:g} s are too long: use physics={EXACT!r}, or set holding_timestep of "
-                    "the arena's fast_physics; see docs/guide/custom_objects.md"
+                    "the arena's fast_physics; see docs/guide/your_task.md"
                 )
             option.timestep = fast.holding_timestep
         for name, value in HOLDING_OPTIONS.items():

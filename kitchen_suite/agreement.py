@@ -58,7 +58,7 @@ def _warn_of_success(task: "SuiteTask", own_domains: Collection[str]) -> None:
             f"{type(task).__name__} adds {added} to rewards and terminations, and its success is still that of "
             f"{task!r}: is_success, scores, comparisons and the checkpoints that training keeps do not depend on what "
             "it adds. If it has another success, add functions of a step that return bools to extra_successes; see "
-            "docs/guide/custom_objects.md",
+            "docs/guide/your_task.md",
             stacklevel=4,
         )
 

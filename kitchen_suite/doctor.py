@@ -126,7 +126,7 @@ def examine_objects(domain_name: str, report: Callable[[str], object]) -> bool:
     if not found:
         raise ValueError(
             f"{domain.name} has no free object with a grasp site: add a site named 'grasp' where the hand's end "
-            "effector is when the fingers close; see docs/guide/custom_objects.md"
+            "effector is when the fingers close; see docs/guide/your_task.md"
         )
     return holds
 

@@ -96,5 +96,5 @@ def _message(environment: Environment, body: int, gain: float, step: int, inside
     return (
         f"after {step} control steps of random actions in {scene.physics} physics, {name!r} has gained {gain:.3g} "
         f"J/kg, as if thrown at {np.sqrt(2 * gain):.2g} m/s, while a hand moves things at 1 to 2 m/s: {remedy}; "
-        "see docs/guide/custom_objects.md"
+        "see docs/guide/your_task.md"
     )

@@ -1,4 +1,4 @@
-"""Measures of the physics `fast`, for docs/guide/fast_physics.md; each writes its rows to results/fast_*.json.
+"""Measures of the physics `fast`, for docs/results/fast_measurements.md; each writes its rows to results/fast_*.json.
 
 python docs/experiments/fast_physics.py settings    what each option buys and costs: speed, and successes of the expert
 python docs/experiments/fast_physics.py experts     the experts in every control mode, in both physics

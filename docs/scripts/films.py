@@ -4,14 +4,13 @@ python docs/scripts/films.py strips    six frames of each task, and of sets of t
 python docs/scripts/films.py further   six frames of each of the kitchen's tasks beyond the reference's
 python docs/scripts/films.py trained   six frames of each policy that comes with the package
 python docs/scripts/films.py readme    the moving picture of README: docs/pictures/film.webp
-python docs/scripts/films.py mug       the mug of docs/guide/custom_objects.md in a hand: docs/pictures/mug.webp
+python docs/scripts/films.py mug       the mug of docs/guide/your_task.md in a hand: docs/pictures/mug.webp
 python docs/scripts/films.py video     all tasks side by side: docs/pictures/experts.mp4 (needs the extra `video`)
 
 All need a GL library; all but `trained` need the extra `experts`.
 """
 
 import runpy
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,10 +32,11 @@ HEIGHT, WIDTH = 240, 320  # Of a frame [pixels].
 FRAMES_PER_SECOND = 12.5
 AFTER_SUCCESS = 1.0  # Time that a film goes on after success [s].
 
-# Size of the moving picture of README, its frames per second, quality of its compression, and how long the last frame
-# of an episode is shown [ms].
+# Size of the moving picture of README, its frames per second, how much faster than the simulation it is, quality of its
+# compression, and how long the last frame of an episode is shown [ms].
 FILM_HEIGHT, FILM_WIDTH = 480, 640
 FILM_FRAMES_PER_SECOND = 25
+FILM_SPEED = 4
 FILM_QUALITY = 55
 HOLD = 1500
 
@@ -46,6 +46,15 @@ SINGLE_TASKS = [
 ]
 FURTHER_TASKS = [("kitchen", task.replace(" ", "_")) for task in GOALS if task not in DEFAULT_TASKS]
 SETS = [("kitchen", "complete"), ("kitchen", "mixed"), ("kitchen", "all")]
+
+# The episode of the moving picture of README: in a kitchen that has a microwave beside the drawer.
+FILM_EPISODE = {
+    "domain": "pick_and_place",
+    "task": "open_and_put_in",
+    "design": 20,
+    "split": "test",
+    "certified": ["open_and_put_in can drawers_1/drawer_1"],
+}
 
 Frame = NDArray[np.uint8]
 
@@ -69,9 +78,10 @@ VIEWS = {
     "slide_cabinet": View((0.1, 0.6, 2.3), 2.0, 62.0, -16.0),
     "microwave": View((-0.5, 0.4, 1.85), 1.9, 72.0, -30.0),
     "kettle": View((-0.2, 0.45, 1.8), 1.75, 50.0, -32.0),
+    "open_and_put_in": View((0.05, 0.28, 1.75), 1.6, 54.0, -36.0),
 }
 
-# From which one sees the mug of docs/guide/custom_objects.md.
+# From which one sees the mug of docs/guide/your_task.md.
 MUG_VIEW = View((-0.5, 0.05, 1.8), 1.4, 160.0, -20.0)
 
 
@@ -102,15 +112,15 @@ class Film:
         self.view = next((view for key, view in VIEWS.items() if key in task), None)
         policy = policies.find(policy_name)(self._environment, np.random.default_rng(0))
         self._states: list[NDArray[np.float64]] = []
-        #: Names of the completed tasks at each frame.
-        self.completions: list[list[str]] = []
+        #: Sentence of the task.
+        self.instruction = ""
         control_timestep = self._environment.control_timestep()
         steps_per_frame = round(1 / (frames_per_second * control_timestep))
         left = round(AFTER_SUCCESS / control_timestep)
         for step, _ in enumerate(timesteps(self._environment, policy)):
             if step % steps_per_frame == 0:
                 self._states.append(self._environment.physics.get_state())
-                self.completions.append(list(getattr(self._environment.task, "episode_task_completions", ())))
+                self.instruction = self._environment.task.instruction
             left -= bool(self._environment.task.episode_metrics["success"])
             if not left:
                 break
@@ -164,33 +174,24 @@ def write_strip(name: str, film: Film) -> None:
 
 
 def write_readme_film() -> None:
-    """Films the expert at all seven tasks of the kitchen, at twice the speed, and at the top drawer."""
-    kitchen = Film("kitchen", "all", frames_per_second=FILM_FRAMES_PER_SECOND / 2)
-    cabinet = Film("open_cabinet", "top_drawer", frames_per_second=FILM_FRAMES_PER_SECOND)
-    pictures = [Image.fromarray(frame) for film in (kitchen, cabinet) for frame in captioned(film)]
+    """Films the expert while it opens a drawer and puts a can into it, at four times the speed."""
+    film = Film(**FILM_EPISODE, frames_per_second=FILM_FRAMES_PER_SECOND / FILM_SPEED)
+    frames = tqdm(range(len(film)), unit="frame", disable=None)
+    pictures = [Image.fromarray(film.render(i, FILM_HEIGHT, FILM_WIDTH, film.view)) for i in frames]
+    for picture in pictures:
+        text = {"xy": (12, FILM_HEIGHT - 30), "text": film.instruction, "font_size": 18}
+        ImageDraw.Draw(picture).text(**text, fill="white", stroke_width=2, stroke_fill=(60, 60, 60))
     durations = [1000 // FILM_FRAMES_PER_SECOND] * len(pictures)
-    durations[len(kitchen) - 1] = durations[-1] = HOLD
+    durations[-1] = HOLD
     first, *others = pictures
     path = PICTURES / "film.webp"
-    options = {"duration": durations, "loop": 0, "quality": FILM_QUALITY, "method": 4}
+    options = {"duration": durations, "loop": 0, "quality": FILM_QUALITY, "method": 6}
     first.save(path, save_all=True, append_images=others, **options)
     print(f"{path.name}: {len(pictures)} frames, {path.stat().st_size / 1e6:.1f} MB")
 
 
-def captioned(film: Film) -> Iterator[Frame]:
-    """Yields the frames of a film with the names of the tasks that have been completed."""
-    view = film.view
-    for i, completions in enumerate(tqdm(film.completions, unit="frame", disable=None)):
-        image = Image.fromarray(film.render(i, FILM_HEIGHT, FILM_WIDTH, view))
-        draw = ImageDraw.Draw(image)
-        for row, name in enumerate(completions):
-            text = {"xy": (12, FILM_HEIGHT - 24 * (row + 1) - 4), "text": name, "font_size": 18}
-            draw.text(**text, fill="white", stroke_width=2, stroke_fill=(60, 60, 60))
-        yield np.array(image)
-
-
 def write_mug_film() -> None:
-    """Films the mug of the page on custom objects while it is held, put down and let go, at twice the speed."""
+    """Films the mug of the page on a task of one's own while it is held, put down and let go, at twice the speed."""
     domain = runpy.run_path(str(PICTURES.parent / "examples" / "mug.py"))["MUG_KITCHEN"]
     environment = domain.load(random=0, time_limit=None, control_mode=CONTROL_MODE, physics="fast")
     environment.reset()

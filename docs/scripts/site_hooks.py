@@ -36,7 +36,7 @@ _TOP_PAGES = {
     "CHANGELOG.md": "development/changelog.md",
     "CONTRIBUTING.md": "development/contributing.md",
 }
-# The place in the start page where the site has the text of README.md.
+# The place in the start page where the site has the sections of README.md; it has a beginning of its own.
 _README = "<!-- README.md -->\n"
 # Pages of images, which have the whole width.
 _WIDE_PAGES = ("domains/gallery.md",)
@@ -126,7 +126,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     page.meta.setdefault("description", _description(markdown))
     text = _adapted(markdown, _source(name), name, sources)
     if _README in text:
-        readme = (ROOT / "README.md").read_text(encoding="utf-8").partition("\n")[2]
+        readme = (ROOT / "README.md").read_text(encoding="utf-8")
+        readme = readme[readme.index("\n## ") :]
         text = text.replace(_README, _adapted(readme, "README.md", name, sources))
     return text
 

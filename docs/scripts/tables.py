@@ -231,7 +231,7 @@ _INSTRUCTIONS = {
 
 def gallery(domain: str) -> str:
     """Returns the gallery of a domain's tasks, those that are drawn at each reset left out."""
-    return "\n\n".join(_entries(domain)) + "\n"
+    return '<div class="gallery" markdown>\n\n' + "\n\n".join(_entries(domain)) + "\n\n</div>\n"
 
 
 def _entries(domain: str) -> Iterator[str]:
@@ -240,8 +240,8 @@ def _entries(domain: str) -> Iterator[str]:
         picture = _OTHER_PICTURES.get(task, f"expert_{task}.jpg")
         if "tasks_per_episode" not in arguments:
             asked = _INSTRUCTIONS.get(task) or "; ".join(arguments["tasks_to_complete"])
-            yield f"### {task}\n\n{asked[0].upper()}{asked[1:]}. `{record.task_ids[task]}`"
-            yield f"![{asked}](../pictures/{picture})"
+            title = f"### {task}\n\n{asked[0].upper()}{asked[1:]}. `{record.task_ids[task]}`"
+            yield f"<div markdown>\n\n{title}\n\n[![{asked}](../pictures/{picture})]({domain}.md)\n\n</div>"
 
 
 # Generated kitchens.
@@ -801,41 +801,31 @@ _MOST_CONDITIONS = 3
 _MAIN_PROTOCOLS = ("default", "strict", "clean", "unseen-kitchens", "d4rl")
 
 
-def main_protocol_table() -> str:
-    """Returns the table of the protocols that people start with."""
-    return _protocol_table([PROTOCOLS[name] for name in _MAIN_PROTOCOLS])
+def main_protocols() -> str:
+    """Returns the protocols that people start with, a heading and a list each."""
+    return _protocol_list([PROTOCOLS[name] for name in _MAIN_PROTOCOLS])
 
 
-def further_protocol_table() -> str:
-    """Returns the table of all other protocols."""
-    return _protocol_table([protocol for name, protocol in PROTOCOLS.items() if name not in _MAIN_PROTOCOLS])
+def further_protocols() -> str:
+    """Returns all other protocols, a heading and a list each."""
+    return _protocol_list([protocol for name, protocol in PROTOCOLS.items() if name not in _MAIN_PROTOCOLS])
 
 
-def _protocol_table(protocols: Sequence[Protocol]) -> str:
-    rows = [
-        (
-            f"`{protocol.name}`",
-            protocol.follows,
-            protocol.domain_name or "all",
-            "; ".join(dict.fromkeys(_task(condition, protocol.domain_name) for condition in protocol.conditions)),
-            _arguments(protocol),
-            f"{protocol.num_episodes:,}",
-            f"{protocol.seed:,}",
-            protocol.max_episode_steps or "the domain's",
-        )
-        for protocol in protocols
-    ]
-    header = (
-        "`--protocol`",
-        "follows; fixes",
-        "domains",
-        "task",
-        "arguments",
-        "episodes",
-        "first seed",
-        "control steps",
-    )
-    return markdown(header, rows)
+def _protocol_list(protocols: Sequence[Protocol]) -> str:
+    return "\n".join(_protocol_entry(protocol) for protocol in protocols)
+
+
+def _protocol_entry(protocol: Protocol) -> str:
+    tasks = dict.fromkeys(_task(condition, protocol.domain_name) for condition in protocol.conditions)
+    details = {
+        "domain": protocol.domain_name or "all",
+        "task": ", ".join(tasks),
+        "arguments": _arguments(protocol),
+        "episodes": f"{protocol.num_episodes:,} of each condition, seeds from {protocol.seed:,}",
+        "control steps": protocol.max_episode_steps or "the domain's",
+    }
+    lines = "".join(f"- {name}: {value}\n" for name, value in details.items())
+    return f"### `{protocol.name}`\n\n{protocol.follows[0].upper()}{protocol.follows[1:]}.\n\n{lines}"
 
 
 def protocol_differences() -> str:
@@ -888,8 +878,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "hyperparameters": hyperparameter_table,
     "imitation_hyperparameters": cloning_table,
     "presets": preset_table,
-    "protocols": main_protocol_table,
-    "further_protocols": further_protocol_table,
+    "protocols": main_protocols,
+    "further_protocols": further_protocols,
     "protocol_differences": protocol_differences,
     "my_task": functools.partial(example, "my_task"),
     "mug": functools.partial(example, "mug"),

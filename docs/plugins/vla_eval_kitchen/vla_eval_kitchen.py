@@ -60,7 +60,8 @@ class KitchenSuiteBenchmark(StepBenchmark):
         """Checks the arguments, which are the `params` of a config, and builds the environment of the first task.
 
         Args:
-          domain_name: `kitchen`, `open_cabinet`, `microwave_table` or `kitchens`, or `module:NAME` of a user's own.
+          domain_name: `kitchen`, `open_cabinet`, `microwave_table`, `kitchens` or `pick_and_place`, or `module:NAME` of
+            a user's own.
           tasks: names of tasks of the domain; all of them when None.
           seed: of the first episode of each task; the others have the next ones.
           max_episode_steps: control steps of an episode; the domain's when None.
