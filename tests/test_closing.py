@@ -213,7 +213,7 @@ def test_a_wrapper_that_cannot_be_built_frees_its_port(port, monkeypatch):
     monkeypatch.setattr(intervention, "HandPanel", failing)
     with refused(ValueError, "it fails"):
         intervention.InterventionWrapper(gymnasium.make("KitchenSuite/Kettle-v1"), port)
-    with local_server(port, "test"):
+    with local_server(port):
         pass
 
 

@@ -5,10 +5,13 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
 
 import kitchen_suite
 from kitchen_suite.commands.play import _DEFAULT_VIDEO
@@ -49,6 +52,23 @@ def test_the_version_is_the_changelogs_newest(setup):
     headings = [line for line in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines() if line[:3] == "## "]
     assert headings[0] == "## [Unreleased]"
     assert headings[1].startswith(f"## [{kitchen_suite.__version__}] - ")
+
+
+def test_pip_is_stopped_by_a_version_of_labmaze_that_names_the_page_where_uv_leaves_labmaze_out(setup):
+    first = Requirement(setup["options"]["install_requires"].strip().splitlines()[0])
+    (specifier,) = first.specifier
+    page = specifier.version.partition("+see.")[2]
+    # PyPI takes no local versions, so that nobody can offer this one.
+    assert first.name == "labmaze"
+    assert Version(specifier.version).local
+    assert (ROOT / page.removesuffix(".md").replace(".", "/")).with_suffix(".md").is_file()
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        (override,) = map(Requirement, tomllib.load(file)["tool"]["uv"]["override-dependencies"])
+    assert override.name == "labmaze"
+    for python in ("3.11", "3.12", "3.13", "3.14"):
+        assert first.marker.evaluate({"python_version": python}) is not override.marker.evaluate(
+            {"python_version": python}
+        )
 
 
 def test_every_extra_that_is_spoken_of_exists(setup):

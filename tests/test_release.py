@@ -166,7 +166,7 @@ def test_every_stage_is_run_somewhere_and_every_stage_that_is_run_exists(tmp_pat
 
 def test_a_run_begins_with_what_is_required_and_gives_each_other_stage_its_turn(tmp_path):
     seen = []
-    for commits in range(12):
+    for commits in range(13):
         status, lines = run_with('echo "$@"', tmp_path / str(commits), commits)
         assert status == 0
         assert lines[:4] == ["tests", "lint", "types", "package"]
@@ -174,7 +174,7 @@ def test_a_run_begins_with_what_is_required_and_gives_each_other_stage_its_turn(
         seen.append(lines[4:-1])
     # With time for all, each is played at every commit, and each comes first at one of them.
     assert {frozenset(each) for each in seen} == {frozenset(each[0] for each in seen)}
-    assert all(len(each) == 12 for each in seen)
+    assert all(len(each) == 13 for each in seen)
 
 
 def test_the_full_tests_are_played_in_parts_that_are_all_of_them(tmp_path):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from kitchen_suite.viewer.live_page import LivePage
+from kitchen_suite.viewer.live_page import LivePage, show_where
 
 if TYPE_CHECKING:
     from kitchen_suite.policies.experts.teleoperation import Teleoperation
@@ -33,7 +33,8 @@ MOVES: Mapping[str, tuple[str, Sequence[float], Sequence[float]]] = {
 }
 _HELP = (
     "Drag the hand, or the arrows and rings at it. Keys: arrows, page up and down; O P, Y H, E R to turn; space opens "
-    "or closes the fingers; backspace goes back a second. Time stands still until you move the hand."
+    "or closes the fingers; backspace rewinds a second; B gives back to the policy. Time stands still until you move "
+    "the hand."
 )
 
 
@@ -43,6 +44,10 @@ class Person(Protocol):
     @property
     def arm(self) -> "Teleoperation":
         """The arm that is commanded."""
+
+    @property
+    def can_hand_back(self) -> bool:
+        """Whether another policy could act in place of the person, who acts."""
 
     def hand_back(self) -> None:
         """Lets another policy act again."""
@@ -63,12 +68,15 @@ class HandPanel:
             # Of the present size.
             page.add_key(label, key, functools.partial(self._nudge, label))
         page.add_button("Open or close", self._open_or_close, "space", hint="The fingers.")
-        page.add_button("Hand back", lambda: person().hand_back(), "B", hint="The policy acts again.")
+        self._give_back = page.add_button("Give back to the policy", lambda: person().hand_back(), "B", visible=False)
         self._size = page.guard(gui.add_dropdown("Nudge", tuple(NUDGES), initial_value=list(NUDGES)[1]))
-        take = gui.add_button("Take control", hint="Where several browsers show this page, one controls.")
-        take.on_click(page.take_control)
+        page.add_take_control()
         with gui.add_folder("Help", expand_by_default=False):
             gui.add_markdown(_HELP)
+
+    def update(self) -> None:
+        """Shows the button that gives back to the policy where it does something."""
+        show_where(self._give_back, self._person().can_hand_back)
 
     async def _click(self, event: Any) -> None:
         if self._page.accepts(event):

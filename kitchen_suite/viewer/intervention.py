@@ -26,8 +26,8 @@ class InterventionWrapper(gymnasium.Wrapper):
     """Lets a person in a browser take over from whatever acts in an environment of the suite, and hand back.
 
     A command in the page takes over: `step` then makes the person's actions in place of those that it is given, in real
-    time, until *Hand back*. Infos have, as gym-hil's: `is_intervention`, whether the person acted, and `teleop_action`,
-    the action that was made.
+    time, until *Give back to the policy*. Infos have, as gym-hil's: `is_intervention`, whether the person acted, and
+    `teleop_action`, the action that was made.
 
     Attributes:
       address: of the page.
@@ -49,10 +49,10 @@ class InterventionWrapper(gymnasium.Wrapper):
         self._policy = TeleoperatedPolicy(self._inner.composer_task, lambda timestep: self._given)
         secret = new_token() if checks.boolean(token, "token") else ""
         with closed_on_error([closing]):
-            server = closing.enter_context(local_server(port, "kitchen-suite", secret))
+            server = closing.enter_context(local_server(port, secret))
             self.address = address_of(port, secret)
             self._page = LivePage(server, exclusive=True)
-            HandPanel(self._page, lambda: self._policy)
+            self._hand = HandPanel(self._page, lambda: self._policy)
         self._stage: Stage | None = None
         self._timestep: dm_env.TimeStep | None = None
         self._due = 0.0
@@ -92,6 +92,7 @@ class InterventionWrapper(gymnasium.Wrapper):
         if self._stage is None or not self._stage.shows(physics):
             self._stage = Stage(self._page, physics, _CAMERA, self._policy)
         self._stage.update(physics)
+        self._hand.update()
 
     def _carry_out(self, *, wait: float) -> None:
         """Carries out the commands that have been given; waits for one for some time [s] if there is none."""

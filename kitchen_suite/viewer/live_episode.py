@@ -103,10 +103,15 @@ class LiveEpisode:
             self._rollout.step()
             self._has_failed = False
 
+    def headline(self) -> str:
+        """Returns what is asked for and whether it is done, as Markdown."""
+        instruction = self._environment.task.instruction
+        return "\n\n".join([f"**{escaped(instruction)}**"] * bool(instruction) + [" · ".join(self._state())])
+
     def report(self, more: Mapping[str, str] = MappingProxyType({})) -> str:
         """Returns the progress of the episode as Markdown: its requested tasks, reward and metrics, and more rows."""
         task = self._environment.task
-        lines = [f"**{escaped(task.instruction)}**", ""] if task.instruction else []
+        lines = []
         numbers = self._numbers()
         if completions := task.episode_completions:
             steps = {escaped(name.replace("_", " ")): step for name, step in completions.steps_by_task.items()}
@@ -115,8 +120,14 @@ class LiveEpisode:
                 f"- **{name}**: completed after {done[name]:.1f} s" if name in done else f"- {name}" for name in steps
             ]
             numbers = {"tasks completed": f"{len(done)} of {len(steps)}", **numbers}
-        numbers |= more
-        return "\n".join([*lines, "", "| | |", "| --- | --- |", *(f"| {key} | {it} |" for key, it in numbers.items())])
+        # The first row is the head of the table: an empty one would be drawn as well.
+        first, *rows = (f"| {key} | {it} |" for key, it in {**numbers, **more}.items())
+        return "\n".join([*lines, "", first, "| --- | --- |", *rows])
+
+    def _state(self) -> list[str]:
+        """Returns the state of the episode in a few words, its success first."""
+        metrics = self._environment.task.episode_metrics
+        return [f"success: **{('no', 'yes')[bool(metrics['success'])]}**", f"{self.steps * self.timestep:.1f} s"]
 
     def _numbers(self) -> dict[str, str]:
         """Returns the rows of the report's table."""

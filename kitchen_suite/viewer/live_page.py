@@ -35,6 +35,7 @@ class LivePage:
         self.commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self.on_release: Command = lambda: None
         self._clients: list[int] = []
+        self._take_control: viser.GuiButtonHandle | None = None
         server.on_client_connect(self._connect)
         server.on_client_disconnect(self._disconnect)
 
@@ -76,11 +77,19 @@ class LivePage:
         widget.on_update(check)
         return widget
 
-    def add_button(self, label: str, command: Command, key: str | None = None, **options: Any) -> None:
-        """Adds a button that gives a command, and a key that does."""
-        self.gui.add_button(label, **options).on_click(self.putting(command))
+    def add_button(self, label: str, command: Command, key: str | None = None, **options: Any) -> viser.GuiButtonHandle:
+        """Adds a button that gives a command, and a key that does; returns the button."""
+        button = self.gui.add_button(label, **options)
+        button.on_click(self.putting(command))
         if key:
             self.add_key(label, key, command)
+        return button
+
+    def add_take_control(self) -> None:
+        """Adds a button by which a browser takes control, shown while there are several."""
+        hint = "Several browsers show this page; one controls."
+        self._take_control = self.gui.add_button("Take control", hint=hint, visible=len(self._clients) > 1)
+        self._take_control.on_click(self.take_control)
 
     def add_key(self, label: str, key: str, command: Command) -> None:
         """Adds a key that gives a command."""
@@ -109,10 +118,23 @@ class LivePage:
 
     async def _connect(self, client: viser.ClientHandle) -> None:
         self._clients.append(client.client_id)
+        self._offer_control()
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:
         was_controlling = client.client_id == self.controlling
         if client.client_id in self._clients:
             self._clients.remove(client.client_id)
+            self._offer_control()
         if was_controlling and self.exclusive:
             self.commands.put(self.on_release)
+
+    def _offer_control(self) -> None:
+        if self._take_control:
+            show_where(self._take_control, len(self._clients) > 1)
+
+
+def show_where(widget: Any, condition: bool) -> None:
+    """Shows a widget where a condition holds, and hides it where it does not."""
+    # Browsers are sent what changes alone.
+    if widget.visible != condition:
+        widget.visible = condition

@@ -24,7 +24,7 @@ class EpisodePanel:
     """The report of the episode in progress, and the widgets that play it.
 
     Attributes:
-      report: in Markdown.
+      report: its numbers, in Markdown.
       run: whether the episode is not paused.
       cameras: to look through.
     """

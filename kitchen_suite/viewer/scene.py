@@ -16,12 +16,12 @@ import trimesh
 import viser
 from dm_control import mjcf
 from mjviser.conversions import create_primitive_mesh, get_body_name, is_fixed_body, mujoco_mesh_to_trimesh
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 _FIRST_HIDDEN_GROUP = 3  # Geoms of these groups and above are not shown, as in MuJoCo: they are those that collide.
 
-_BRIGHTNESS = 2.2  # Of the light; chosen so that the kitchen's white counter is not blown out.
+_BRIGHTNESS = 2.8  # Of the light; chosen so that images of MuJoCo are as bright.
 _LIGHT = (-0.5, -0.8, 1.0)  # Direction that most of it comes from.
 _SHADE = (90, 95, 105)  # Colour of the light from the opposite side.
 
@@ -183,8 +183,18 @@ def _with_matte_colours(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
             metallicFactor=0.0, roughnessFactor=1.0, alphaMode="BLEND" if colours[:, 3].min() < 255 else "OPAQUE"
         )
         mesh.visual = trimesh.visual.TextureVisuals(material=material)
-        mesh.visual.vertex_attributes["color"] = colours
+        mesh.visual.vertex_attributes["color"] = _linear(colours)
     return mesh
+
+
+def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Returns colours of vertices `(n, 4)` as glTF has them, linear in light, from those of MuJoCo, as on a screen."""
+    return np.column_stack([np.rint(255 * _decoded(colours[:, :3] / 255)), colours[:, 3]]).astype(np.uint8)
+
+
+def _decoded(colours: ArrayLike) -> NDArray[np.float64]:
+    """Returns light from colours of a screen, both from 0 to 1, as three.js decodes them."""
+    return ((np.asarray(colours) + 0.055) / 1.055) ** 2.4
 
 
 def _textures(model: mujoco.MjModel) -> dict[int, NDArray[np.uint8]]:
@@ -306,12 +316,12 @@ def _add_in_light(server: viser.ViserServer, name: str, mesh: trimesh.Trimesh) -
 
     Without a graphics card, browsers take long to compute the light for each pixel.
     """
-    shade = (np.array(_SHADE) / 255 + 0.055) / 1.055
-    shade **= 2.4  # As three.js decodes colours.
+    shade = _decoded(np.array(_SHADE) / 255)
     lit = (1.0 + mesh.vertex_normals @ np.array(_LIGHT) / np.linalg.norm(_LIGHT)) / 2.0
     light = _BRIGHTNESS / math.pi * (shade + (1.0 - shade) * lit[:, np.newaxis])
     colours = mesh.visual.vertex_attributes["color"]
-    mesh.visual.vertex_attributes["color"] = np.rint(colours * np.pad(light, ((0, 0), (0, 1)), constant_values=1.0))
+    lit_colours = np.rint(colours * np.pad(light, ((0, 0), (0, 1)), constant_values=1.0))
+    mesh.visual.vertex_attributes["color"] = lit_colours.clip(0, 255)
     glb = mesh.export(file_type="glb", include_normals=False, tree_postprocessor=_make_unlit)
     server.scene.add_glb(name, glb, cast_shadow=False, receive_shadow=False)
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import logging
 import secrets
 import socket
@@ -17,6 +18,20 @@ installation.installed(("mjviser", "viser"), "kitchen_suite.viewer", "web")
 import viser  # noqa: E402
 
 HOST = "127.0.0.1"
+
+TITLE = "Kitchen Suite"
+
+# On a phone viser's panel lies upon the scene; here it is a sheet below it, of the whole width: the hand is seen.
+# The place of a label is left out where there is none, as beside rows of buttons.
+_STYLE = """
+@media (max-width: 36em) {
+  div:has(> .mantine-Paper-root[style*="position: fixed"]) { flex-direction: column; }
+  .mantine-Paper-root[style*="position: fixed"] { position: static !important; width: 100% !important;
+    max-height: 45dvh !important; flex: none; }
+  .mantine-Paper-root[style*="position: fixed"] [style*="width: 20em"] { width: 100% !important; }
+}
+div:has(> p > label:empty) { display: none; }
+"""
 
 # Names under which a browser on this machine reaches `HOST`; also through a port that ssh forwards.
 _LOCAL_NAMES = ("127.0.0.1", "localhost")
@@ -42,20 +57,21 @@ def address_of(port: int, token: str = "") -> str:
 
 
 @contextlib.contextmanager
-def local_server(port: int, label: str, token: str = "") -> Iterator[viser.ViserServer]:
-    """Yields a server that talks to pages of this machine alone, with a label as their title.
+def local_server(port: int, token: str = "") -> Iterator[viser.ViserServer]:
+    """Yields a server that talks to pages of this machine alone.
 
     It is bound to `HOST`. A page of another site cannot use it either: the names that a connection has as its host and
     origin must be local, so that a foreign name that resolves to this machine is refused. With a token, only pages at
     `address_of(port, token)` are talked to, so that other users of the machine are refused as well.
     """
     _check_port(port)
-    with _running(_LocalServer, host=HOST, port=port, label=label) as server, _refusing_quietly():
+    with _running(_LocalServer, host=HOST, port=port, label=TITLE) as server, _refusing_quietly():
         # viser takes the next free port.
         if server.get_port() != port:
             raise OSError(f"port {port} is in use: choose another one")
         _refuse_others(server, token)
         server.gui.configure_theme(show_share_button=False, show_logo=False)
+        _set_up_pages(server)
         yield server
 
 
@@ -75,6 +91,18 @@ def _running(server_class: type[viser.ViserServer], **arguments: Any) -> Iterato
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
+
+
+def _set_up_pages(server: viser.ViserServer) -> None:
+    """Gives pages their title, and the layout of `_STYLE`, for which viser has no public way."""
+    source = f"""
+      document.title = {json.dumps(TITLE)};
+      const style = document.createElement("style");
+      style.textContent = {json.dumps(_STYLE)};
+      document.head.append(style);
+    """
+    # Kept by viser for browsers that come later.
+    server._websock_server.queue_message(viser._messages.RunJavascriptMessage(source))  # noqa: SLF001
 
 
 def _refuse_others(server: viser.ViserServer, token: str) -> None:

@@ -145,6 +145,11 @@ class TeleoperatedEpisode(LiveEpisode):
             self.arm.rest()
             self._stillness.wait_for_motion()
 
+    @property
+    def can_hand_back(self) -> bool:
+        """Whether there is a policy that could act in place of the person, who acts."""
+        return self.policy.can_hand_back
+
     def hand_back(self) -> None:
         """Lets the policy act again from which the person took over, if there is one."""
         self.policy.hand_back()
@@ -172,10 +177,12 @@ class TeleoperatedEpisode(LiveEpisode):
     def _numbers(self) -> dict[str, str]:
         return {
             **super()._numbers(),
-            "acts": "you" if self.policy.is_persons else "the policy",
             "hand": ", ".join(f"{number:.3f}" for number in self.arm.hand[0]) + " m",
             "fingers": "closed" if self.arm.is_closed else "open",
         }
+
+    def _state(self) -> list[str]:
+        return [*super()._state(), f"{'you act' if self.policy.is_persons else 'the policy acts'}"]
 
     def _go_on(self) -> None:
         """Lets the person go on from the current state, after steps that were not commanded."""

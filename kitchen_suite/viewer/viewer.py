@@ -4,7 +4,7 @@ import math
 import queue
 import time
 from collections.abc import Callable
-from typing import Never
+from typing import Any, Never
 
 from kitchen_suite.closing import closed_on_error
 from kitchen_suite.episodes.play import REWIND_STEPS
@@ -12,7 +12,7 @@ from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.viewer.escaping import escaped
 from kitchen_suite.viewer.hand import HandPanel
 from kitchen_suite.viewer.live_episode import Choice, LiveEpisode, started_episode
-from kitchen_suite.viewer.live_page import Command, LivePage
+from kitchen_suite.viewer.live_page import Command, LivePage, show_where
 from kitchen_suite.viewer.panels import EpisodePanel, TaskPanel
 from kitchen_suite.viewer.servers import address_of, local_server
 from kitchen_suite.viewer.stage import CameraImage, Stage
@@ -33,9 +33,10 @@ class Display:
       is_stale: whether another state is shown than the current one.
     """
 
-    def __init__(self, page: LivePage, panel: EpisodePanel, episode: LiveEpisode) -> None:
-        """Shows the model of an episode, and its state with the next call of `show`."""
+    def __init__(self, page: LivePage, headline: Any, panel: EpisodePanel, episode: LiveEpisode) -> None:
+        """Shows the model of an episode, and its state with the next call of `show`; `headline` is viser's Markdown."""
         self._page = page
+        self._headline = headline
         self._panel = panel
         self._shown = 0.0
         self.show_model(episode)
@@ -52,10 +53,11 @@ class Display:
         self.stage = Stage(self._page, episode.physics, self._panel.camera, person)
         self.is_stale = True
 
-    def show(self, episode: LiveEpisode, report: str) -> None:
+    def show(self, episode: LiveEpisode, headline: str, report: str) -> None:
         """Shows state and report in one message: a browser draws a frame for each."""
         with self._page.server.atomic():
             self.stage.update(episode.physics)
+            self._headline.content = headline
             self._panel.report.content = report
         self._page.server.flush()
         self.is_stale = False
@@ -92,6 +94,9 @@ class Viewer:
         self._page = page
         self.episode = episode
         self._start = start
+        # First in the panel, of which a phone shows little.
+        self._headline = page.gui.add_markdown("")
+        self._add_hand()
         self._problem = ""
         self._due = time.monotonic()
         is_persons = isinstance(episode, TeleoperatedEpisode)
@@ -105,7 +110,7 @@ class Viewer:
             look=self._look,
         )
         self._tasks = TaskPanel(page, choice, takes_over=is_persons, load=self._load)
-        self._display = Display(page, self._panel, episode)
+        self._display = Display(page, self._headline, self._panel, episode)
 
     def update(self) -> None:
         """Makes the control step that is due, and carries out a command that is given until the next one is."""
@@ -170,7 +175,7 @@ class Viewer:
         self._page.move_cameras(physics, find_camera(physics, self._panel.camera))
 
     def _load(self) -> None:
-        self._panel.report.content = "Loading."
+        self._headline.content = "Loading."
         episode = self._start(self._tasks.choice(), self._panel.seed)
         self.episode.close()
         self.episode = episode
@@ -178,7 +183,11 @@ class Viewer:
         self._display.show_model(episode)
 
     def _show(self) -> None:
-        self._display.show(self.episode, f"**Error:** {self._problem}" if self._problem else self._report())
+        headline = f"**Error:** {self._problem}" if self._problem else self.episode.headline()
+        self._display.show(self.episode, headline, self._report())
+
+    def _add_hand(self) -> None:
+        """Adds what a person needs who plays, above the other widgets; nothing where a policy plays."""
 
     def _report(self) -> str:
         return self.episode.report()
@@ -196,11 +205,14 @@ class HandFolder:
         self._person = person
         gui = page.gui
         with gui.add_folder("Hand"):
-            HandPanel(page, person)
-            page.add_button("Back 1 s", self._go_back_a_second, "backspace")
-            self._steps = page.guard(gui.add_number("Control steps", 25, min=1, max=REWIND_STEPS, step=1))
-            page.add_button("Go back", lambda: person().rewind(int(self._steps.value)), hint="By these steps.")
-            page.add_button("Discard", lambda: person().discard(), hint="Starts the episode anew.")
+            self._hand = HandPanel(page, person)
+            # They do nothing before the first control step.
+            self._backwards = (
+                page.add_button("Rewind 1 s", self._rewind_a_second, "backspace", visible=False),
+                page.guard(gui.add_number("n", 25, min=1, max=REWIND_STEPS, step=1, visible=False)),
+                page.add_button("Rewind n steps", self._rewind_steps, visible=False),
+                page.add_button("Discard", lambda: person().discard(), hint="Starts the episode anew.", visible=False),
+            )
             self._follow = page.guard(gui.add_checkbox("Camera follows", initial_value=False))
             self.image = CameraImage(page, person().physics)
 
@@ -209,7 +221,19 @@ class HandFolder:
         """Whether views move with the hand."""
         return bool(self._follow.value)
 
-    def _go_back_a_second(self) -> None:
+    def update(self) -> None:
+        """Shows the current image, and the buttons that do something now."""
+        person = self._person()
+        self._hand.update()
+        for widget in self._backwards:
+            show_where(widget, person.steps > 0)
+        self.image.update(person.physics)
+
+    def _rewind_steps(self) -> None:
+        _, steps, *_ = self._backwards
+        self._person().rewind(int(steps.value))
+
+    def _rewind_a_second(self) -> None:
         episode = self._person()
         episode.rewind(math.ceil(1.0 / episode.timestep))
 
@@ -233,14 +257,14 @@ class TeleoperationViewer(Viewer):
 
         Episodes are saved in a collection, if there is one.
         """
-        self.episode = episode
         self._collection = collection
-        # First in the panel, of which a phone shows little.
-        if collection:
-            page.add_button("Save", self._save, "enter", hint="And starts the episode of the next seed.")
-        self._hand = HandFolder(page, lambda: self.episode)
         super().__init__(page, episode, choice, start, camera=camera)
         page.on_release = self._release
+
+    def _add_hand(self) -> None:
+        if self._collection:
+            self._page.add_button("Save", self._save, "enter", hint="And starts the episode of the next seed.")
+        self._hand = HandFolder(self._page, lambda: self.episode)
 
     def update(self) -> None:
         super().update()
@@ -273,7 +297,7 @@ class TeleoperationViewer(Viewer):
         super()._show()
         if self._hand.follows:
             self._display.stage.follow()
-        self._hand.image.update(self.episode.physics)
+        self._hand.update()
 
     def _report(self) -> str:
         return self.episode.report(self._collection.numbers() if self._collection else {})
@@ -297,7 +321,7 @@ def show(
     def start(other: Choice, seed: int) -> LiveEpisode:
         return started_episode(other, seed, render_quality=render_quality)
 
-    with local_server(port, "kitchen-view", token) as server:
+    with local_server(port, token) as server:
         page = LivePage(server, exclusive=False)
         _play(Viewer(page, episode, choice, start, camera=camera), address_of(port, token), report)
 
@@ -323,7 +347,7 @@ def teleoperate(
             loaded.start(collection.next_seed(seed) if collection else seed)
         return loaded
 
-    with local_server(port, "kitchen-view", token) as server:
+    with local_server(port, token) as server:
         page = LivePage(server, exclusive=True)
         viewer = TeleoperationViewer(page, episode, choice, start, camera=camera, collection=collection)
         _play(viewer, address_of(port, token), report)

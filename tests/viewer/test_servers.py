@@ -77,7 +77,7 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(servers, mon
 def test_pages_of_others_get_no_message_and_give_no_command(servers, port, capfd, host, origin):
     from websockets.exceptions import ConnectionClosed
 
-    with servers.local_server(port, "test") as server:
+    with servers.local_server(port) as server:
         clicks = []
         button = server.gui.add_button("Button")
         button.on_click(lambda event: clicks.append(event))
@@ -112,7 +112,7 @@ def connected(port, host, origin):
 
 
 def test_the_page_of_viser_is_all_that_is_answered_without_a_connection(servers, port):
-    with servers.local_server(port, "test"):
+    with servers.local_server(port):
         assert status(port, f"localhost:{port}") == 200
 
 
@@ -126,7 +126,7 @@ def status(port, host):
 
 
 def test_only_the_local_address_is_bound(servers, port):
-    with servers.local_server(port, "test") as server:
+    with servers.local_server(port) as server:
         (listening,) = {line.split()[1] for line in tcp_sockets() if line.split()[1].endswith(f":{port:04X}")}
         assert listening.partition(":")[0] in ("0100007F", "7F000001")
         assert server.get_port() == port
@@ -139,12 +139,12 @@ def tcp_sockets():
 
 
 def test_a_port_in_use_is_an_error(servers, port):
-    with servers.local_server(port, "test"):
-        second = servers.local_server(port, "test")
+    with servers.local_server(port):
+        second = servers.local_server(port)
         with pytest.raises(OSError, match=f"port {port} cannot be used"):
             second.__enter__()
 
 
 def test_nothing_can_be_shared_through_the_makers_of_viser(servers, port):
-    with servers.local_server(port, "test") as server:
+    with servers.local_server(port) as server:
         assert server.request_share_url() is None

@@ -54,10 +54,10 @@ def test_a_policy_acts_until_a_person_takes_over_and_hands_back(tmp_path):
     episode = started(SLOWLY)
     play(episode, 8)
     assert not episode.is_waiting
-    assert "acts | the policy" in episode.report()
+    assert "the policy acts" in episode.headline()
     episode.arm.nudge([0.0, 0.0, 0.03])
     play(episode, 6)
-    assert "acts | you" in episode.report()
+    assert "you act" in episode.headline()
     episode.hand_back()
     assert not episode.is_waiting
     play(episode, 5)
@@ -356,11 +356,11 @@ def test_a_reset_starts_the_episode_anew(port):
         # Another policy, from which the person takes over.
         browser.set("Take over from", "expert")
         browser.click("Load")
-        browser.wait(lambda: "acts | the policy" in browser.report())
+        browser.wait(lambda: "the policy acts" in browser.report())
         browser.press("Up")
-        browser.wait(lambda: "acts | you" in browser.report())
-        browser.press("Hand back")
-        browser.wait(lambda: "acts | the policy" in browser.report())
+        browser.wait(lambda: "you act" in browser.report())
+        browser.press("Give back to the policy")
+        browser.wait(lambda: "the policy acts" in browser.report())
 
 
 @pytest.mark.web
@@ -419,7 +419,7 @@ def test_a_person_takes_over_from_what_acts_in_an_environment(port):
             assert info["is_intervention"] is True
         assert np.abs(info["teleop_action"]).max() > 0.0
         assert time.monotonic() - start > 4 * 0.08
-        browser.press("Hand back")
+        browser.press("Give back to the policy")
         wait_until(lambda: not env._page.commands.empty())
         *_, info = env.step(zeros)
     assert info["is_intervention"] is False

@@ -110,6 +110,35 @@ def test_the_hand_and_save_are_in_view_and_the_rest_is_folded(port, tmp_path, wi
             assert not page.get_by_role("button", name=name, exact=True).first.is_visible()
 
 
+def test_the_page_begins_with_the_task_and_its_success_and_a_phone_has_it_below_the_scene(port):
+    with teleoperated(port) as page:
+        assert page.title() == "Kitchen Suite"
+        page.set_viewport_size({"width": 390, "height": 844})
+        page.wait_for_timeout(2_000)
+        sentence = page.get_by_text("move the kettle to the top left burner").bounding_box()
+        success = page.get_by_text("success:").bounding_box()
+        forward = page.get_by_role("button", name="Forward", exact=True).bounding_box()
+        assert 0.5 * 844 < sentence["y"] < success["y"] < forward["y"]
+        # The scene ends where the sheet begins.
+        scene = page.locator("canvas").first.bounding_box()
+        assert 0.5 * 844 < scene["height"] <= sentence["y"]
+        assert scene["width"] == 390
+
+
+def test_buttons_that_do_nothing_are_not_shown(port):
+    with teleoperated(port) as page:
+        page.set_viewport_size({"width": 1280, "height": 800})
+        names = ("Rewind 1 s", "Rewind n steps", "Discard")
+        shown = [page.get_by_role("button", name=name, exact=True) for name in names]
+        assert not any(button.is_visible() for button in shown)
+        page.get_by_role("button", name="Up", exact=True).click()
+        for button in shown:
+            button.wait_for()
+        # Nobody else watches, and no policy has acted.
+        for name in ("Take control", "Give back to the policy"):
+            assert not page.get_by_role("button", name=name, exact=True).is_visible()
+
+
 def test_saving_says_whether_the_task_was_done(port, tmp_path):
     with teleoperated(port, f"--output={tmp_path / 'mine'}") as page:
         page.set_viewport_size({"width": 1280, "height": 800})

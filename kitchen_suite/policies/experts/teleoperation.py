@@ -164,6 +164,11 @@ class TeleoperatedPolicy:
         self._has_taken_over = True
         self.arm.hold()
 
+    @property
+    def can_hand_back(self) -> bool:
+        """Whether there is another policy, which could act in place of the person, who acts."""
+        return self._other is not None and self.is_persons
+
     def hand_back(self) -> None:
         """Lets the other policy act again, as if an episode began; nothing changes where there is none."""
         self.arm.hold()
