@@ -144,18 +144,23 @@ def _values(flags):
 
 
 @pytest.mark.clients
-def test_the_policy_for_unseen_kitchens_is_trained_and_shipped(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("domain", "kitchens", "task"),
+    [("kitchens", 2, "open"), pytest.param("pick_and_place", 3, "any", marks=pytest.mark.full)],
+)
+def test_the_policy_for_unseen_kitchens_is_trained_and_shipped(domain, kitchens, task, tmp_path, monkeypatch):
     script = load_script("experiments/unseen_kitchens")
-    small = script.KINDS["kitchens"]._replace(kitchens=2, episodes=2, steps=4)
-    monkeypatch.setitem(script.KINDS, "kitchens", small)
+    kind = script.KINDS[domain]
+    small = kind._replace(kitchens=kitchens, episodes=dict.fromkeys(kind.episodes, 2), steps=4)
+    monkeypatch.setitem(script.KINDS, domain, small)
     monkeypatch.setattr(script, "SHIPPED", tmp_path / "shipped")
     monkeypatch.setattr(script, "in_processes", map)
     script.SHIPPED.mkdir()
     folder = tmp_path / "runs"
-    script.main([str(folder), "train"])
-    script.main([str(folder), "ship"])
-    policy = policies.load_policy(tmp_path / "shipped" / "kitchens_open.npz")
-    assert (policy.metadata["domain_name"], policy.metadata["task_name"]) == ("kitchens", "open")
+    script.main([str(folder), "train", f"--domain={domain}"])
+    script.main([str(folder), "ship", f"--domain={domain}"])
+    policy = policies.load_policy(tmp_path / "shipped" / f"{kind.name}.npz")
+    assert (policy.metadata["domain_name"], policy.metadata["task_name"]) == (domain, task)
 
 
 SMALL_ONE = {

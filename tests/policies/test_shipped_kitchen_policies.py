@@ -3,6 +3,7 @@
 import contextlib
 import json
 
+import numpy as np
 import pytest
 from helpers.episodes import play, successes, successes_together
 from helpers.sweeps import brief
@@ -18,6 +19,8 @@ from kitchen_suite.policies.perceptron import PerceptronPolicy
 from kitchen_suite.tasks import DEFAULT_TASKS
 
 TASKS = [task.replace(" ", "_") for task in DEFAULT_TASKS]
+
+OBJECTS = "pick_and_place_put_on_put_in_take_out_open_and_put_in"
 
 # First of the seeds; training and its evaluations take theirs from 500,000,000 on.
 UNSEEN = 30_000
@@ -73,8 +76,23 @@ def test_the_policies_are_small():
     sizes = {path.stem: path.stat().st_size for path in SHIPPED.glob("*.npz")}
     assert sizes.pop("kitchen") < 5_000_000
     assert sizes.pop("kitchens_open") < 5_000_000
+    assert sizes.pop(OBJECTS) < 5_000_000
     assert sizes.pop("pixels") < 10_000_000
     assert max(sizes.values()) < 300_000
+
+
+def test_the_policy_for_objects_plays_in_the_environments_of_its_protocol():
+    arguments = {"split": "test", "certified": True, "num_slots": 2, "control_mode": "ee_delta_pose", "visuals": False}
+    environment = suite.load("pick_and_place", "any", {"design": 22, **arguments})
+    assert shipped_as(OBJECTS).exists()
+    act = find("trained")(environment, np.random.default_rng(0))
+    timestep = environment.reset()
+    (requested,) = np.flatnonzero(environment.task.state.requested)
+    distances = [environment.task.state.hand_distances[requested]]
+    for _ in range(150):
+        timestep = environment.step(act(timestep))
+        distances.append(environment.task.state.hand_distances[requested])
+    assert min(distances) < 0.5 * distances[0]
 
 
 SIGHT = {
