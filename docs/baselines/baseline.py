@@ -39,19 +39,28 @@ def make_parser(documentation: str | None, config: type, num_steps: int) -> argp
 
 
 def add_demonstrations(parser: argparse.ArgumentParser) -> None:
-    """Adds the flags of baselines that learn from successful episodes, and may be evaluated on another task."""
+    """Adds the flags of baselines that learn from successful episodes."""
     parser.add_argument("recordings", type=Path, nargs="+", help="folders of kitchen-record")
     parser.add_argument("--num_demonstrations", type=int, help="episodes of each recording; all without it")
+    add_task(parser)
+
+
+def add_task(parser: argparse.ArgumentParser) -> None:
+    """Adds the flags of the task to evaluate on."""
     parser.add_argument("--task_name", help="to evaluate on; that of the recording without it")
     of_task = "of that task, as JSON, such as variations; those of the recording without it"
     parser.add_argument("--task_kwargs", type=json.loads, help=of_task)
 
 
+def task(given: argparse.Namespace, recorded: EnvironmentSpec) -> EnvironmentSpec:
+    """Returns the task to evaluate on: the one of the flags, where they name one, or that of a recording."""
+    task_kwargs = recorded.task_kwargs if given.task_kwargs is None else given.task_kwargs
+    return EnvironmentSpec.make(recorded.domain_name, given.task_name or recorded.task_name, task_kwargs)
+
+
 def load_demonstrations(given: argparse.Namespace) -> tuple[EnvironmentSpec, PolicyInputs, Demonstrations]:
     """Returns the task to evaluate on, what policies take of its observations, and the successful episodes."""
-    recorded = Recording.open(given.recordings[0]).spec
-    task_kwargs = recorded.task_kwargs if given.task_kwargs is None else given.task_kwargs
-    spec = EnvironmentSpec.make(recorded.domain_name, given.task_name or recorded.task_name, task_kwargs)
+    spec = task(given, Recording.open(given.recordings[0]).spec)
     observed = policy_inputs(spec)
     counts = [given.num_demonstrations] if given.num_demonstrations else []
     found = demonstrations.load_demonstrations(given.recordings, spec, requested_tasks(observed), counts)

@@ -10,7 +10,8 @@ extracted from them in one of two ways:
     --extraction=weights    recorded chunks of actions are cloned, those of greater advantage with a greater weight
     --extraction=flow       flow matching clones all chunks, and of some that it draws the most valuable is taken (IDQL)
 
-The policy after the last step is evaluated on the task of the recording. Needs the extra `train`.
+The policy after the last step is evaluated, on the task of the recording unless `--task_name` names another one. Needs
+the extra `train`.
 
 Sources: Kostrikov, Nair and Levine, Offline Reinforcement Learning with Implicit Q-Learning, ICLR 2022;
 Hansen-Estruch et al., IDQL: Implicit Q-Learning as an Actor-Critic Method with Diffusion Policies, 2023. With
@@ -309,6 +310,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Trains and evaluates."""
     parser = baseline.make_parser(__doc__, Config, num_steps=40_000)
     parser.add_argument("recording", type=Path, help="folder of kitchen-record")
+    baseline.add_task(parser)
     given = parser.parse_args(arguments)
 
     given.output.mkdir(parents=True)
@@ -316,13 +318,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     config = Config(**{**(FLOW_DEFAULTS if changes.get("extraction") == "flow" else {}), **changes})
     recording = Recording.open(given.recording)
     transitions = recording.load_transitions()
-    observed = baseline.policy_inputs(recording.spec)
-    inputs = observed.state_and_requests(transitions.observations, baseline.requested_tasks(observed))
+    spec = baseline.task(given, recording.spec)
+    observed, recorded = baseline.policy_inputs(spec), baseline.policy_inputs(recording.spec)
+    inputs = recorded.state_and_requests(transitions.observations, baseline.requested_tasks(observed))
     started = time.process_time()
     learned = train(inputs.astype(np.float32), transitions, config, num_steps=given.num_steps, seed=given.seed)
     baseline.write_training(given, config, time.process_time() - started)
     policy = IQLPolicy(learned, observed, config, baseline.generators(given.eval_seed))
-    baseline.evaluate(policy, recording.spec, given)
+    baseline.evaluate(policy, spec, given)
 
 
 if __name__ == "__main__":

@@ -1,30 +1,41 @@
 """The page of the board, made from its rows."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from rows import BOARDS, Receipt, Row
 from tabulate import tabulate
 
+from kitchen_suite import Evaluation
 from kitchen_suite.episodes.report import in_markdown
 from kitchen_suite.evaluation.paired_scores import PairedScore, adjusted, paired_scores
+from kitchen_suite.evaluation.scores import score_sample
 from kitchen_suite.evaluation.text import p_text
 
 _INTRODUCTION = """\
 # Board
 
-Success of policies under the suite's own [protocols](../guide/protocols.md). Each number has a
-[receipt](../guide/evaluation.md#receipts): `kitchen-replay` plays its episodes again on your machine, without the
+Success of policies under the suite's own [protocols](../guide/protocols.md). Each number links to its
+[receipt](../guide/evaluation.md#receipts): `kitchen-replay` plays the episodes again on your machine, without the
 policy. [Add a row](../board/README.md) says what a receipt proves and what it does not, and how your policy gets a row.
 
 `python docs/board/make.py` makes this page from the folders of `docs/board/`, and refuses a row whose receipts do not
-hold. *Difference* is the score by which a table is in order, less that of its first row, in percentage points and in
+hold. A *clean success* disturbs nothing else, and no more than 10 N act on the bare arm: see
+[Quality](../guide/quality.md). It has no number where a receipt was made without `--quality`. *Difference* is the score
+by which a table is in order, less that of its first row, in percentage points and in
 [the same episodes](../guide/comparison.md#what-an-interval-says); intervals are of 95 %, and p is adjusted for the
 number of differences. What is *observed* and the *cost of training* are what the rows state.
 """
 
-# Names of the scores that have a column, where they were measured.
-_RATES = {"clean_success": "clean success", "success": "success"}
+# Scores that have a column, where they were measured.
+_RATES = ("clean_success", "success")
+
+
+class Rate(NamedTuple):
+    """A rate, and its interval of 95 %."""
+
+    value: float
+    interval: tuple[float, float]
 
 
 def page(rows: Sequence[Row]) -> str:
@@ -41,27 +52,36 @@ def section(protocol: str, rows: Sequence[Row]) -> str:
     if not listed:
         return f"## `{protocol}`\n\nThere is no row yet.\n"
     differences = differences_from_best([row.receipts[protocol] for row in listed], score)
-    scores = [row.receipts[protocol].evaluation.scores for row in listed]
-    rates = [name for name in _RATES if any(name in each for each in scores)]
+    scores = [rates(row.receipts[protocol].evaluation) for row in listed]
+    names = sorted({name for each in scores for name in each}, key=lambda name: name != score)
     cells = [
         (
             f"[{row.statement.title}](#{anchor(row.statement.title)})",
-            ", ".join(row.statement.observes) or "nothing",
-            *(_rate(each, name) for name in rates),
+            *(_rate(row.receipts[protocol], each.get(name)) for name in names),
             *_difference(difference),
+            ", ".join(row.statement.observes) or "nothing",
             in_markdown(row.statement.cost),
-            f"[npz](../board/{row.receipts[protocol].name})",
         )
         for row, each, difference in zip(listed, scores, differences, strict=True)
     ]
-    header = ("row", "observed", *(f"{_RATES[name]} [%]" for name in rates), "difference", "p (Holm)")
-    header = (*header, "cost of training", "receipt")
+    of_scores = (f"{name.replace('_', ' ')} [%]" for name in names)
+    header = ("row", *of_scores, "difference", "p (Holm)", "observed", "cost of training")
     text = tabulate(cells, header, tablefmt="github", disable_numparse=True)
     plan = listed[0].receipts[protocol].evaluation.plan
     count = f"{plan.num_episodes * len(plan.specs)} episodes"
     unit = f"; intervals are those of the mean over {plan.unit}s" if plan.is_sample else ""
-    caption = f"{BOARDS[protocol].text} {count}{unit}. In the order of {_RATES[score]}."
+    caption = f"{BOARDS[protocol].text} {count}{unit}. In the order of {score.replace('_', ' ')}."
     return f"## `{protocol}`\n\n{caption}\n\n{text}\n"
+
+
+def rates(evaluation: Evaluation) -> dict[str, Rate]:
+    """Returns the rates of an evaluation that were measured, by name; under a sample of kitchens means over them."""
+    scores = evaluation.scores
+    if evaluation.plan.is_sample:
+        by_condition = evaluation.scores_by_condition
+        measured = [name for name in _RATES if all(name in each for each in by_condition.values())]
+        scores = score_sample(by_condition, measured)
+    return {name: Rate(scores[name], tuple(scores["intervals"][name])) for name in _RATES if name in scores}
 
 
 def ranking(protocol: str, rows: Sequence[Row]) -> list[Row]:
@@ -91,12 +111,12 @@ def anchor(title: str) -> str:
     return kept.replace(" ", "-")
 
 
-def _rate(scores: Mapping[str, Any], name: str) -> str:
-    """Returns a rate with its interval [%]; empty where it was not measured."""
-    if name not in scores:
+def _rate(receipt: Receipt, rate: Rate | None) -> str:
+    """Returns a rate with its interval [%], linked to its receipt; empty where it was not measured."""
+    if rate is None:
         return ""
-    low, high = (f"{100 * bound:.1f}" for bound in scores["intervals"][name])
-    return f"{100 * scores[name]:.1f} ({low} to {high})"
+    low, high = (f"{100 * bound:.1f}" for bound in rate.interval)
+    return f"[{100 * rate.value:.1f}](../board/{receipt.name}) ({low} to {high})"
 
 
 def _difference(score: PairedScore | None) -> tuple[str, str]:

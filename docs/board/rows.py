@@ -46,8 +46,7 @@ BOARDS: Mapping[str, Board] = MappingProxyType(
         "clean": Board(
             domain_name="kitchen",
             score="clean_success",
-            text="Four of seven tasks, drawn for each episode, from varied starts; an episode is a clean success if "
-            "nothing else is disturbed, and no more than 10 N act on the bare arm.",
+            text="Four of seven tasks in the kitchen, drawn for each episode, from varied starts.",
         ),
     }
 )

@@ -74,6 +74,15 @@ def test_action_chunking_with_transformers_is_evaluated_under_a_protocol_of_the_
     assert [*evaluation.plan.changes] == ["num_episodes"]
 
 
+def test_implicit_q_learning_is_evaluated_under_a_protocol_of_the_board(rewarded, tmp_path):
+    output = tmp_path / "iql"
+    task = ("--task_name=random_4", '--task_kwargs={"variations": ["start"]}', "--protocol=clean")
+    run("iql", rewarded, f"--output={output}", *task, *SHORT)
+    assert_evaluated(output)
+    evaluation = Evaluation.read(output / "receipt.npz")
+    assert [*evaluation.plan.changes] == ["num_episodes"]
+
+
 @pytest.mark.parametrize("extraction", [pytest.param("weights", marks=pytest.mark.nightly), "flow"])
 def test_implicit_q_learning_learns_from_failed_episodes(rewarded, tmp_path, extraction):
     output = tmp_path / "iql"
