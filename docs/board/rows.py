@@ -43,6 +43,11 @@ BOARDS: Mapping[str, Board] = MappingProxyType(
             score="success",
             text="One part to open, in each of 100 generated kitchens that no policy has seen, in fast physics.",
         ),
+        "unseen-pick-and-place": Board(
+            domain_name="pick_and_place",
+            score="success",
+            text="One object to put away, in each of 100 generated kitchens that no policy has seen, in fast physics.",
+        ),
         "clean": Board(
             domain_name="kitchen",
             score="clean_success",
@@ -52,8 +57,8 @@ BOARDS: Mapping[str, Board] = MappingProxyType(
 )
 """The tables of the board by protocol, in the order of the page."""
 
-MAX_RECEIPT = 4 * 2**20
-"""Greatest receipt [bytes]. Random actions, which cannot be compressed, take 3.1 MiB under `unseen-kitchens`."""
+MAX_RECEIPT = 6 * 2**20
+"""Greatest receipt [bytes]. Random actions, which cannot be compressed, take 5.3 MiB under `unseen-pick-and-place`."""
 
 STATEMENT = "row.json"
 

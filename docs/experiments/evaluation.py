@@ -33,7 +33,7 @@ Case = tuple[str, ...]
 NOT_FOR = {"random": (), "expert": ("goal-reaching",), "trained": ("goal-reaching",)}
 
 # Protocols whose results are on the board, with their receipts: docs/board/make.py.
-ON_BOARD = ("clean", "unseen-kitchens")
+ON_BOARD = ("clean", "unseen-kitchens", "unseen-pick-and-place")
 
 # Demonstrations that goals are taken from: random 4 of the 7 tasks.
 DEMONSTRATIONS = 100
