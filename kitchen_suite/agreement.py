@@ -181,7 +181,7 @@ def _check_equal(what: str, found: Any, expected: Any, where: str, other: str = 
             f"{what} of {where} is {checks.shown(found)} in the single environment and {checks.shown(expected)} in "
             f"{other} one: add observations, rewards and terminations to extra_observations, extra_rewards and "
             "extra_terminations of the task, which act in all of them, and compute each environment of a batch alone, "
-            f"reducing along the last axis; {_LAST_DIGITS}see docs/guide/extending.md"
+            f"reducing along the last axis; {_LAST_DIGITS}see docs/guide/your_task.md#rewards-terminations-and-success"
         )
 
 

@@ -798,7 +798,7 @@ _MOST_CONDITIONS = 3
 
 
 # Those that people start with.
-_MAIN_PROTOCOLS = ("default", "strict", "clean", "unseen-kitchens", "d4rl")
+_MAIN_PROTOCOLS = ("default", "strict", "clean", "unseen-kitchens", "unseen-pick-and-place", "shift", "d4rl")
 
 
 def main_protocols() -> str:
@@ -843,9 +843,15 @@ def _task(condition: Condition, domain_name: str | None) -> str:
 
 def _arguments(protocol: Protocol) -> str:
     if len(protocol.conditions) > _MOST_CONDITIONS:
-        return f"{len(protocol.conditions)} conditions"
-    arguments = protocol.conditions[0].task_kwargs
-    return ", ".join(f"`{name}={json.dumps(value)}`" for name, value in arguments.items()) or "none"
+        first, *others = (condition.task_kwargs for condition in protocol.conditions)
+        shared = {name: value for name, value in first.items() if all(each.get(name) == value for each in others)}
+        own = f"others in each of {len(protocol.conditions)} conditions"
+        return f"{_assignments(shared)}, and {own}" if shared else own
+    return _assignments(protocol.conditions[0].task_kwargs) or "none"
+
+
+def _assignments(arguments: Mapping[str, Any]) -> str:
+    return ", ".join(f"`{name}={json.dumps(value)}`" for name, value in arguments.items())
 
 
 def example(name: str, marks: str = "") -> str:

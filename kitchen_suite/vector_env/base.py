@@ -521,7 +521,8 @@ def check_entities(environment: SuiteEnv) -> None:
         if hooks:
             raise ValueError(
                 f"entity {name!r} overrides {hooks}, which vectorised environments do not call: write what it does as "
-                "extra_observations, extra_rewards or reset_physics of the task; see docs/guide/extending.md"
+                "extra_observations, extra_rewards or reset_physics of the task; "
+                "see docs/guide/your_task.md#hooks-of-composer"
             )
 
 
