@@ -135,6 +135,8 @@ def _source(row: Row) -> str:
     """Returns the paragraph on how a row was made; its commands have no language, so that no test runs them."""
     stated = row.statement
     lines = "\n".join(stated.commands)
-    training, cost, policy = map(in_markdown, (stated.training, stated.cost, stated.policy))
+    policy = in_markdown(stated.policy)
+    training = in_markdown(stated.training)
+    cost = in_markdown(stated.cost)
     text = f"Policy {policy} ([source]({stated.link})). {training} Cost of training: {cost}."
     return f"### {stated.title}\n\n{text}\n\n```\n{lines}\n```\n"

@@ -72,7 +72,7 @@ _Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
 
 
 class Statement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a row states: the contents of `row.json`.
+    """The statements of a row: the contents of `row.json`.
 
     Attributes:
       title: of the row.

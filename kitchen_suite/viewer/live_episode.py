@@ -106,7 +106,8 @@ class LiveEpisode:
     def headline(self) -> str:
         """Returns what is asked for and whether it is done, as Markdown."""
         instruction = self._environment.task.instruction
-        return "\n\n".join([f"**{escaped(instruction)}**"] * bool(instruction) + [" · ".join(self._state())])
+        state = " · ".join(self._state())
+        return f"**{escaped(instruction)}**\n\n{state}" if instruction else state
 
     def report(self, more: Mapping[str, str] = MappingProxyType({})) -> str:
         """Returns the progress of the episode as Markdown: its requested tasks, reward and metrics, and more rows."""

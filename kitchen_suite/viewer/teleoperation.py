@@ -182,7 +182,7 @@ class TeleoperatedEpisode(LiveEpisode):
         }
 
     def _state(self) -> list[str]:
-        return [*super()._state(), f"{'you act' if self.policy.is_persons else 'the policy acts'}"]
+        return [*super()._state(), "you act" if self.policy.is_persons else "the policy acts"]
 
     def _go_on(self) -> None:
         """Lets the person go on from the current state, after steps that were not commanded."""

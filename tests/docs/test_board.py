@@ -126,7 +126,7 @@ def test_markup_in_a_row_stays_text(make, board):
 
 
 def stated(board):
-    """What the forged row states."""
+    """The statements of the forged row."""
     return json.loads((board / FORGED / "row.json").read_text(encoding="utf-8"))
 
 

@@ -17,7 +17,8 @@ UP = np.array([0.0, 0.0, 1.0])
 
 FROM_ABOVE = SURFACES | {"drawer"}  # Kinds of places that the hand reaches from above.
 _LEAST_BEFORE = 0.33  # Least distance from the robot's axis at which the hand turns towards a place with a front [m].
-CARRY_SPEED, _PLACE_SPEED, _APPROACH_SPEED = 0.1, 0.1, 0.25  # Speeds of the hand [m/s].
+CARRY_SPEED = 0.1  # Speed of the hand with an object, also where it puts it down [m/s].
+_APPROACH_SPEED = 0.25  # Speed of the hand towards an object, and away from it [m/s].
 _CLOSE_STEPS, _OPEN_STEPS, _REST_STEPS = 9, 6, 3  # Control steps in which fingers close and open, and the hand rests.
 _RAISED = 0.02  # Height above its support at which an object is moved into a place with a front, or out of it [m].
 _LEAVING = 0.12  # How far the hand moves back from what it has let go [m].
@@ -171,7 +172,7 @@ class End(NamedTuple):
         if self.has_front:
             moves.append(_move(self.at + _RAISED * UP, self, skills.CLOSED, speed=CARRY_SPEED))
         moves += [
-            _move(self.at, self, skills.CLOSED, speed=_PLACE_SPEED, settle=_REST_STEPS),
+            _move(self.at, self, skills.CLOSED, speed=CARRY_SPEED, settle=_REST_STEPS),
             _move(self.at, self, skills.OPEN, settle=_OPEN_STEPS),
             _move(away, self, skills.OPEN, speed=_APPROACH_SPEED),
         ]
