@@ -161,6 +161,13 @@ class MDP(abc.ABC, Generic[Reading, State]):
         """Returns the joints that an episode asks to move, given its state; by default those of all tasks."""
         return [joint for joints in self.task_joints(scene) for joint in joints]
 
+    def carried_joints(self, scene: Scene) -> Sequence[mjcf.Element | None]:
+        """Returns the free joints of the objects whose collisions in the hand `quality` measures; by default of none.
+
+        Where props differ between episodes stepped together, the sequences are equally long: None fills the rest.
+        """
+        return ()
+
     def truncates(self, state: State) -> NDArray[np.bool_] | bool:
         """Returns whether `(...)` the last step truncated the episode, whatever its time limit; by default never."""
         return False

@@ -21,6 +21,7 @@ from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.environment_classes import ANY_ENVIRONMENT, EnvironmentClasses
 from kitchen_suite.tasks.control_modes.action_mode import ActionMode
+from kitchen_suite.tasks.episode.carried_objects import CarriedObjects
 from kitchen_suite.tasks.episode.draws import NoDraws, SingleDraws
 from kitchen_suite.tasks.episode.extra_observables import NamedQuantities
 from kitchen_suite.tasks.episode.extra_observations import ExtraObservations, Measured
@@ -329,9 +330,13 @@ class SuiteTask(composer.Task):
         if settings.control_timestep is not None:
             self._use_control_timestep(settings.control_timestep)
         if settings.quality:
-            self.meter = QualityMeter(self.scene, self.mdp, self.physics_steps_per_control_step)
+            physics_steps = self.physics_steps_per_control_step
+            self.meter = QualityMeter(self.scene, self.mdp, physics_steps)
             own = next((part for part in self._offered_parts if isinstance(part, ExtraSuccesses)), None)
-            self._offered_parts += [self.meter, LastingSuccess(self.mdp, own)]
+            measuring = [self.meter, LastingSuccess(self.mdp, own)]
+            if carried := self.mdp.carried_joints(self.scene):
+                measuring.append(CarriedObjects(self.scene, carried, physics_steps))
+            self._offered_parts += measuring
 
     def _use_control_timestep(self, timestep: float) -> None:
         """Replaces the length of a control step [s]; raises as `configure`."""
@@ -428,8 +433,8 @@ class SuiteTask(composer.Task):
         """The quality of the present episode by name, as infos have it; empty if it is not measured."""
         if self.meter is None:
             return {}
-        measuring = (self.meter.name, LastingSuccess.name)
-        infos = [self.parts[name].info(self.episode.parts[name]) for name in measuring]
+        measuring = (self.meter.name, LastingSuccess.name, CarriedObjects.name)
+        infos = [self.parts[name].info(self.episode.parts[name]) for name in measuring if name in self.parts]
         return {name: value.item() for info in infos for name, value in info.items()}
 
     @property

@@ -62,6 +62,8 @@ class Domain:
       evaluation: entry point of the `evaluation.protocols.DomainProtocols`; None for the general protocols alone.
       expert: entry point of the class of the scripted expert, a `policies.experts.Expert`; None if there is none.
       undirected: entry point of the class of the expert that completes tasks in a random order; None if there is none.
+      measures: infos that only the domain has, and whose values at the end of an episode are measures of it in
+        evaluations with `quality`, with their least possible values.
       contents: entry point of a function of the arguments of an environment that returns them with the contents of
         files in place of their names; None where no argument names a file.
     """
@@ -84,6 +86,7 @@ class Domain:
     evaluation: str | None = None
     expert: str | None = None
     undirected: str | None = None
+    measures: Mapping[str, float] = dataclasses.field(default_factory=dict)
     contents: str | None = None
 
     def __post_init__(self) -> None:
@@ -109,13 +112,19 @@ class Domain:
             if not callable(getattr(self, kind)):
                 _check_form(getattr(self, kind), _ENTRY_POINT, f"{kind}, unless a function or class,")
         checks.integer(self.episode_steps, "episode_steps", minimum=1)
+        if not isinstance(self.measures, Mapping):
+            raise TypeError(f"measures must be a dict of least values by name, got {checks.shown(self.measures)}")
+        for name, least in self.measures.items():
+            if isinstance(least, bool) or not isinstance(least, int | float) or math.isnan(least):
+                raise TypeError(f"measures[{name!r}] must be a number or -inf, got {checks.shown(least)}")
         for task in self.benchmark_tasks:
             checks.choice(task, self.tasks.keys(), "benchmark task")
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Read-only mappings, as `tasks` of the suite's own domains, cannot be pickled.
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return _unpickled, ({**fields, "tasks": {name: dict(each) for name, each in self.tasks.items()}},)
+        tasks = {name: dict(each) for name, each in self.tasks.items()}
+        return _unpickled, ({**fields, "tasks": tasks, "measures": dict(self.measures)},)
 
     @property
     def task_ids(self) -> dict[str, str]:

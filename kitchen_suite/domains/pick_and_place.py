@@ -26,5 +26,6 @@ PICK_AND_PLACE = Domain(
     env=PICK_AND_PLACE_ENVIRONMENT.single,
     vector_env=PICK_AND_PLACE_ENVIRONMENT.vector,
     expert="kitchen_suite.policies.experts.pick_and_place:ObjectExpert",
+    measures=MappingProxyType({"objects_dropped": 0.0, "peak_carried_contact_force": 0.0}),
     contents="kitchen_suite.tasks.pick_and_place.file_contents:with_contents",
 )

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY
-from kitchen_suite.tasks.episode.quality import SENSOR_PREFIX
+from kitchen_suite.tasks.episode.sampled_sensors import SENSOR_PREFIX
 
 INTEGRATION_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 """The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""

@@ -172,7 +172,7 @@ def episode_scores(policies: Sequence[Sequence[EpisodeResult]]) -> dict[str, Epi
             if isinstance(value, bool):
                 scores[name] = EpisodeScore(of=_measure(name), unit=RATE, low=0.0, high=1.0)
             else:
-                scores[name] = EpisodeScore(of=_measure(name), low=quality.INFOS.get(name, -math.inf))
+                scores[name] = EpisodeScore(of=_measure(name), low=quality.least_values().get(name, -math.inf))
     return scores
 
 

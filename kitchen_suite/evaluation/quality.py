@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
+from kitchen_suite import suite
 from kitchen_suite.episodes.spec import EnvironmentSpec
 
 # Contact force on the arm without the hand up to which an episode is clean [N]. Chosen: the weight of 1 kg.
@@ -13,7 +14,7 @@ STRAY_FORCE = 10.0
 # Name of the measure by which the protocol `clean` ranks policies.
 CLEAN_SUCCESS = "clean_success"
 
-# Infos whose values at the end of an episode are measures of it, with their least possible values.
+# Infos whose values at the end of an episode are measures of it, in every domain, with their least possible values.
 INFOS: Mapping[str, float] = MappingProxyType(
     {
         "objects_disturbed": 0.0,
@@ -24,12 +25,8 @@ INFOS: Mapping[str, float] = MappingProxyType(
         "energy": 0.0,
         "path_length": 0.0,
         "log_dimensionless_jerk": -math.inf,
-        "objects_dropped": 0.0,
     }
 )
-
-# Of infos that only some domains have, the names of these.
-_DOMAINS: Mapping[str, tuple[str, ...]] = MappingProxyType({"objects_dropped": ("pick_and_place",)})
 
 
 def is_clean(infos: Mapping[str, Any]) -> bool:
@@ -39,6 +36,12 @@ def is_clean(infos: Mapping[str, Any]) -> bool:
       infos: its last infos, arrays without leading axis.
     """
     return bool(infos["objects_disturbed"] == 0 and infos["peak_arm_contact_force"] <= STRAY_FORCE)
+
+
+def least_values() -> dict[str, float]:
+    """Returns the least possible values of the infos that are measures of episodes, by name, in any domain."""
+    own = {name: least for domain in suite.DOMAINS.values() for name, least in domain.measures.items()}
+    return {**own, **INFOS}
 
 
 def measures(spec: EnvironmentSpec, success: bool, infos: Mapping[str, Any]) -> dict[str, bool | float]:
@@ -60,4 +63,4 @@ def measured(spec: EnvironmentSpec) -> tuple[str, ...]:
 
 
 def _infos_of(spec: EnvironmentSpec) -> tuple[str, ...]:
-    return tuple(name for name in INFOS if spec.domain_name in _DOMAINS.get(name, (spec.domain_name,)))
+    return (*INFOS, *suite.find_domain(spec.domain_name).measures)

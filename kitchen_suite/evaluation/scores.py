@@ -222,7 +222,7 @@ def score_episodes(
     for name, example in results[0].measures.items():
         values = [result.measures[name] for result in results]
         measured[name] = (
-            rate(values) if isinstance(example, bool) else mean(values, low=quality.INFOS.get(name, -math.inf))
+            rate(values) if isinstance(example, bool) else mean(values, low=quality.least_values().get(name, -math.inf))
         )
     measured["success"] = rate([result.success for result in results])
     measured |= _lasting(results, max_episode_steps)

@@ -22,8 +22,9 @@ from kitchen_suite.policies import PolicyRef
 from kitchen_suite.tasks.variations.distributions import NONE
 from kitchen_suite.versions import machine
 
-# Beginnings of the names of scores that are means in a unit of their own; all others are rates.
-_MEANS = ("mean_", "control_steps", "steps_to_success", "score", "d4rl_score", "subtasks", *quality.INFOS)
+# Beginnings of the names of scores that are means in a unit of their own, as measures of quality are; all others are
+# rates.
+_MEANS = ("mean_", "control_steps", "steps_to_success", "score", "d4rl_score", "subtasks")
 _ENTROPY = "order entropy [bit]"
 _INTERVAL = "95 % interval"
 
@@ -172,7 +173,7 @@ def label(key: str) -> str:
 
 def value_text(key: str, value: float) -> str:
     """Returns the value of a score of a name as tables show it."""
-    return f"{value:.4g}" if key.startswith(_MEANS) else f"{100 * value:.1f} %"
+    return f"{value:.4g}" if key.startswith((*_MEANS, *quality.least_values())) else f"{100 * value:.1f} %"
 
 
 def _interval(key: str, interval: list[float] | None) -> str:

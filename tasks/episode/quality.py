@@ -5,7 +5,6 @@ hand are sampled once a control step, at the start of its last physics step. The
 `(...)`: one environment has none, many have one.
 """
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
 import mujoco
@@ -18,15 +17,13 @@ from kitchen_suite.entities.robot import Robot
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.episode.draws import Draws
 from kitchen_suite.tasks.episode.part import MeasuringPart
+from kitchen_suite.tasks.episode.sampled_sensors import SampledSensors
 from kitchen_suite.tasks.goals import JOINT_TOLERANCES, POSITION_TOLERANCE
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.rotations import squared_length
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.terms import Transition
 from kitchen_suite.types import Array
-
-# Beginning of the names of the sensors.
-SENSOR_PREFIX = "quality_"
 
 # Greatest number of contacts of the robot, and of the hand, whose forces are summed: those of the greatest forces.
 # Chosen: the scripted experts have at most 13 at a time, random actions at most 24.
@@ -37,9 +34,6 @@ _TOUCH = 1e-6
 
 # Squared distances below which the hand rests [m^2]; the quotient of two such is 1.
 _LEAST = 1e-300
-
-# Numbers by which a sensor's history begins, before times and values: a setting of its own, and the latest place.
-_HISTORY_HEADER = 2
 
 # Positions of a joint that are compared, by its type: of a free joint those in space, of a ball its quaternion.
 _WIDTHS = {"hinge": 1, "slide": 1, "ball": 4, "free": 3}
@@ -229,7 +223,7 @@ class QualityMeter(MeasuringPart):
         super().__init__()
         self._scene = scene
         self._mdp = mdp
-        self._physics_steps = physics_steps
+        self._sensors = SampledSensors(scene, physics_steps)
         robot = mjcf.get_attachment_frame(scene.robot.mjcf_model)
         hand = scene.robot.joints[scene.robot.arm_size - 1].parent
         # While anything sleeps, MuJoCo does not evaluate a sensor of contacts between two subtrees whose own bodies are
@@ -237,32 +231,28 @@ class QualityMeter(MeasuringPart):
         moving = _moving_root(scene.robot)
         of_contacts = {"data": "force", "num": NUM_CONTACTS, "reduce": "maxforce"}
         self._contacts = [
-            self._add("contact", subtree1=robot, **of_contacts),
-            self._add("contact", subtree1=hand, **of_contacts),
-            self._add("contact", subtree1=moving, subtree2=robot, **of_contacts),
-            self._add("contact", subtree1=hand, subtree2=robot, **of_contacts),
+            self._sensors.add("contact", subtree1=robot, **of_contacts),
+            self._sensors.add("contact", subtree1=hand, **of_contacts),
+            self._sensors.add("contact", subtree1=moving, subtree2=robot, **of_contacts),
+            self._sensors.add("contact", subtree1=hand, subtree2=robot, **of_contacts),
         ]
-        self._torques = [self._add("actuatorfrc", actuator=each) for each in scene.robot.actuators]
-        self._velocities = [self._add("actuatorvel", actuator=each) for each in scene.robot.actuators]
-        self._hand = self._add("framepos", objtype="site", objname=scene.robot.end_effector)
+        self._torques = [self._sensors.add("actuatorfrc", actuator=each) for each in scene.robot.actuators]
+        self._velocities = [self._sensors.add("actuatorvel", actuator=each) for each in scene.robot.actuators]
+        self._hand = self._sensors.add("framepos", objtype="site", objname=scene.robot.end_effector)
         of_props, others = _object_joints(scene)
         free_slots = max(mdp.object_slots - len(of_props), 0)
         self._joints: list[mjcf.Element | None] = [*of_props, *[None] * free_slots, *others]
         self.objects = tuple("" if joint is None else joint.full_identifier for joint in self._joints)
 
-    def _add(self, kind: str, **attributes: Any) -> mjcf.Element:
-        sensors = self._scene.arena.mjcf_model.sensor
-        name = f"{SENSOR_PREFIX}{len(sensors.all_children())}"
-        return sensors.add(kind, name=name, nsample=self._physics_steps, **attributes)
-
     def bind(self, physics: mjcf.Physics) -> None:
         self._physics = physics
         self._timestep = physics.timestep()
-        places = [self._places(physics, sensors) for sensors in (self._contacts, self._torques, self._velocities)]
+        sampled = (self._contacts, self._torques, self._velocities)
+        places = [self._sensors.places(physics, sensors) for sensors in sampled]
         # Forces are in the frame of the contact, whose normal comes first.
         places[0] = places[0][::3]
         # The latest sample comes last: a control step fills the whole history.
-        places.append(self._places(physics, [self._hand])[-3:])
+        places.append(self._sensors.places(physics, [self._hand])[-3:])
         self._history = np.concatenate(places)
         ends = np.cumsum([each.size for each in places]).tolist()
         self._parts = [slice(end - each.size, end) for end, each in zip(ends, places, strict=True)]
@@ -277,15 +267,6 @@ class QualityMeter(MeasuringPart):
                 scales[place, :width] = 1.0 / TOLERANCES[kind]
         self._columns = columns.ravel()
         self._scales = scales.ravel()
-
-    def _places(self, physics: mjcf.Physics, sensors: Sequence[mjcf.Element]) -> NDArray[np.int64]:
-        """Returns the places of the samples of some sensors in the history, sensor by sensor."""
-        model = physics.model.ptr
-        found = []
-        for sensor in np.atleast_1d(physics.bind(sensors).element_id).tolist():
-            first = model.sensor_historyadr[sensor] + _HISTORY_HEADER + self._physics_steps
-            found.append(first + np.arange(self._physics_steps * model.sensor_dim[sensor]))
-        return np.concatenate(found)
 
     def start(self, part: Any, simulation: Simulation, mdp_state: Any, draws: Draws) -> Quality:
         mujoco.mj_kinematics(self._physics.model.ptr, self._physics.data.ptr)

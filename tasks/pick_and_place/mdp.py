@@ -326,6 +326,10 @@ class PickAndPlaceMDP(CompletionMDP[ItemReading, PickAndPlaceState]):
         assert isinstance(scene, PickAndPlaceKitchen), "sensors and items are of such a kitchen"
         return [thing.joints for thing in scene.objects]
 
+    def carried_joints(self, scene: Scene) -> Sequence[mjcf.Element | None]:
+        joints = [joint for own in self.task_joints(scene) for joint in own]
+        return [*joints, *[None] * (MAX_OBJECTS - len(joints))]
+
     def requested_joints(self, scene: Scene, state: PickAndPlaceState) -> Collection[mjcf.Element]:
         """Returns the joints of requested objects, and those of parts that have to be open for them."""
         assert isinstance(scene, PickAndPlaceKitchen), "sensors and items are of such a kitchen"

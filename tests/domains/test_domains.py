@@ -237,6 +237,8 @@ def test_only_records_are_registered():
         ({"env": "pantry"}, ValueError, ["'pantry'"]),
         ({"expert": 3}, TypeError, ["expert", "3"]),
         ({"episode_steps": 0}, ValueError, ["episode_steps", "1"]),
+        ({"measures": ["objects_dropped"]}, TypeError, ["measures", "objects_dropped"]),
+        ({"measures": {"objects_dropped": "0"}}, TypeError, ["measures['objects_dropped']", "'0'"]),
         ({"benchmark_tasks": ("kettles",)}, ValueError, ["'kettle'"]),
     ],
 )

@@ -1,7 +1,9 @@
 """Quality in evaluations, recordings and commands: measures, clean success, the protocol `clean`."""
 
+import dataclasses
 import json
 
+import gymnasium
 import numpy as np
 import pytest
 from helpers.sweeps import brief
@@ -11,7 +13,7 @@ from kitchen_suite import EnvironmentSpec, suite
 from kitchen_suite.commands import evaluate as evaluate_command
 from kitchen_suite.commands import record, replay, rollout
 from kitchen_suite.episodes.recording import Recording
-from kitchen_suite.evaluation import quality
+from kitchen_suite.evaluation import quality, text
 from kitchen_suite.evaluation.quality import CLEAN_SUCCESS, INFOS
 from kitchen_suite.evaluation.scores import EpisodeResult, score_episodes
 from kitchen_suite.policies import PolicyRef
@@ -62,7 +64,6 @@ def test_intervals_of_measures_end_at_zero_but_that_of_the_logarithm():
         "energy": 0.0,
         "path_length": 0.0,
         "log_dimensionless_jerk": low,
-        "objects_dropped": 0.0,
     }
 
 
@@ -74,7 +75,7 @@ def test_every_domain_is_scored_by_the_protocol_clean(domain):
     assert evaluation.scores.keys() >= names >= MEASURES
     assert evaluation.scores["intervals"].keys() >= names
     assert evaluation.scores["energy"] > 0.0
-    assert ("objects_dropped" in names) == (domain == "pick_and_place")
+    assert names - MEASURES == suite.DOMAINS[domain].measures.keys()
 
 
 @pytest.mark.full
@@ -138,9 +139,39 @@ def test_a_specification_without_quality_measures_nothing():
     assert quality.measured(spec) == ()
 
 
-def test_dropped_objects_are_counted_where_there_are_objects():
+def test_objects_that_are_dropped_and_collide_are_measured_where_there_are_objects():
     spec = EnvironmentSpec.make("pick_and_place", "put_on", {"quality": True}, 4)
     names = quality.measured(spec)
-    assert set(names) == MEASURES | {"objects_dropped"}
+    assert set(names) == MEASURES | {"objects_dropped", "peak_carried_contact_force"}
     infos = {**{name: np.array(0.0) for name in names}, "objects_dropped": np.array(2)}
     assert quality.measures(spec, True, infos)["objects_dropped"] == 2.0
+
+
+@pytest.mark.full
+def test_a_registered_domain_has_measures_of_its_own(monkeypatch):
+    """Of a domain derived from another one, and one more: a mean in a unit, not a rate, cut off at its least value."""
+    original = suite.DOMAINS["pick_and_place"]
+    own = dataclasses.replace(
+        original,
+        name="tidy_up",
+        env_id="Own/TidyUp-v1",
+        env=None,
+        vector_env=None,
+        measures={**original.measures, "episode_step": 0.0},
+    )
+    suite.register(own)
+    try:
+        evaluation = kitchen_suite.evaluate("random", domain_name="tidy_up", quality=True, **SHORT)
+        names = quality.measured(evaluation.plan.first)
+    finally:
+        del suite._domains[own.name]
+        for env_id in {own.env_id, *own.task_ids.values()}:
+            del gymnasium.registry[env_id]
+    assert names[-3:] == ("objects_dropped", "peak_carried_contact_force", "episode_step")
+    assert evaluation.scores["episode_step"] == 4.0
+    assert evaluation.scores["objects_dropped"] == 0.0
+
+
+def test_measures_are_no_rates_in_tables():
+    assert text.value_text("peak_carried_contact_force", 12.5) == "12.5"
+    assert text.value_text("clean_success", 0.125) == "12.5 %"

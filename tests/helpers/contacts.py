@@ -1,4 +1,4 @@
-"""Contact forces on a robot, summed contact by contact with `mj_contactForce`."""
+"""Contact forces on a robot and on what it carries, summed contact by contact with `mj_contactForce`."""
 
 import copy
 import functools
@@ -26,10 +26,34 @@ def forces_by_hand(environment, data):
     return forces, count
 
 
-def step_by_hand(environment, action):
-    """Makes a control step; returns the forces `(2, n)` in each of its physics steps, and the most contacts in one.
+def carried_by_hand(environment, data):
+    """Returns the normal forces `(k,)` on objects that the hand touches, those by the hand left out [N], and contacts.
 
-    They are those of a copy of the physics that makes the same steps one by one.
+    These are the most that an object has.
+    """
+    physics = environment.physics
+    model = physics.model.ptr
+    _, of_hand = _parts(environment)
+    joints = [joint for joint in environment.task.mdp.carried_joints(environment.task.scene) if joint is not None]
+    objects = [_subtree(model, physics.bind(joint.parent).element_id) for joint in joints]
+    # By others, and by the hand.
+    forces = np.zeros((2, len(objects)))
+    counts = np.zeros(len(objects), int)
+    wrench = np.zeros(6)
+    for number, bodies in enumerate(model.geom_bodyid[np.reshape(data.contact.geom, (-1, 2))]):
+        for place, is_part in enumerate(objects):
+            if is_part[bodies].any():
+                mujoco.mj_contactForce(model, data, number, wrench)
+                forces[int(of_hand[bodies].any()), place] += wrench[0]
+                counts[place] += 1
+    return np.where(forces[1] > 0.0, forces[0], 0.0), counts.max()
+
+
+def step_by_hand(environment, action, forces_of=forces_by_hand):
+    """Makes a control step; returns the forces `(k, n)` in each of its physics steps, and the most contacts in one.
+
+    They are those of a copy of the physics that makes the same steps one by one. `forces_of` an environment and its
+    data are forces `(k,)` and a number of contacts.
     """
     model, data = environment.physics.model.ptr, environment.physics.data.ptr
     copied = copy.copy(data)
@@ -39,7 +63,7 @@ def step_by_hand(environment, action):
     for number in range(environment.task.physics_steps_per_control_step):
         # Before the integration: when a tree falls asleep in it, MuJoCo evaluates the forces anew.
         mujoco.mj_forward(model, copied)
-        steps.append(forces_by_hand(environment, copied))
+        steps.append(forces_of(environment, copied))
         # As dm_control steps: the first half of the first step has been made.
         (mujoco.mj_step if number else mujoco.mj_step2)(model, copied)
     np.testing.assert_array_equal(copied.qpos, data.qpos)
