@@ -1,6 +1,7 @@
 """Measures the control modes; writes results/control_modes_*.json.
 
 python docs/experiments/control_modes.py tracking   how still the end effector stands, and how straight it moves
+python docs/experiments/control_modes.py borders    how fast hand and joints get where the hand is sent out of its reach
 python docs/experiments/control_modes.py speed      speed of 32 vectorised kitchens, relative to joint_velocity
 """
 
@@ -25,6 +26,11 @@ ROUNDS = 15
 STEPS = 20
 SPEED_MODES = ("joint_velocity", "joint_position", *tracking.HOLDING_MODES)
 
+# Of `borders`: the time for which the hand is sent into a direction [s], and what counts as fast.
+DRIVE_SECONDS = 6.0
+FAST_HAND = 1.5
+FAST_JOINT = 3.0  # [rad/s]
+
 
 def measure_tracking() -> None:
     """Writes drift and worst line of every mode of the end effector in every domain."""
@@ -39,6 +45,24 @@ def measure_tracking() -> None:
             row |= {name: max(getattr(line, name) for line in lines) for name in ("lateral", "rotation", "shortfall")}
         rows.append(row)
     write_rows(RESULTS / "control_modes_tracking.json", rows)
+
+
+def measure_borders() -> None:
+    """Writes how fast hand and joints get in each mode of small steps, in 26 directions from the reset."""
+    directions = [np.subtract(index, 1.0) for index in np.ndindex(3, 3, 3) if index != (1, 1, 1)]
+    rows = []
+    cases = [(domain, mode) for domain in suite.DOMAINS for mode in ("ee_delta_position", "ee_delta_pose")]
+    for domain, mode in tqdm(cases, unit="mode", disable=None):
+        environment = tracking.load(domain, mode)
+        drives = [tracking.drive(environment, direction, DRIVE_SECONDS) for direction in directions]
+        row = {
+            "ratio": max(each.ratio for each in drives),
+            "joint_speed": max(each.joint_speed for each in drives),
+            "directions": len(drives),
+            "fast": sum(bool(each.ratio > FAST_HAND or each.joint_speed > FAST_JOINT) for each in drives),
+        }
+        rows.append({"domain": domain, "control_mode": mode, **row})
+    write_rows(RESULTS / "control_modes_borders.json", rows)
 
 
 def measure_speed() -> None:
@@ -87,4 +111,4 @@ def still_action(mode: str) -> NDArray[np.float64]:
 
 
 if __name__ == "__main__":
-    run_named(__doc__, {"tracking": measure_tracking, "speed": measure_speed})
+    run_named(__doc__, {"tracking": measure_tracking, "borders": measure_borders, "speed": measure_speed})

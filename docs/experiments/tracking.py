@@ -188,3 +188,35 @@ class _Mover:
             action = holding_action(environment, self._mode)
             action[:3] = velocity / (2.0 * LINE_SPEED)
         environment.step(action)
+
+
+@dataclasses.dataclass(frozen=True)
+class Drive:
+    """How fast an arm moved while the hand was commanded into one direction.
+
+    Attributes:
+      ratio: greatest speed of the hand in a control step, as a multiple of the commanded one.
+      joint_speed: greatest speed of a joint at the end of a control step [rad/s].
+    """
+
+    ratio: float
+    joint_speed: float
+
+
+def drive(environment: Environment, direction: NDArray[np.float64], seconds: float) -> Drive:
+    """Commands the hand of an `ee_delta` mode into a direction `(3,)` from the reset, on to the border of its reach."""
+    environment.reset()
+    joints = environment.physics.bind(environment.task.robot.joints[: environment.task.robot.arm_size])
+    timestep = environment.control_timestep()
+    action = np.zeros(environment.action_spec().shape)
+    action[:3] = direction
+    commanded = environment.task.mdp.action_mode.linear_speed * np.linalg.norm(direction)
+    ratio, joint_speed = 0.0, 0.0
+    position, _ = end_effector_pose(environment)
+    for _ in range(round(seconds / timestep)):
+        if environment.step(action).last():
+            break
+        before, (position, _) = position, end_effector_pose(environment)
+        ratio = max(ratio, float(np.linalg.norm(position - before)) / timestep / commanded)
+        joint_speed = max(joint_speed, float(np.abs(joints.qvel).max()))
+    return Drive(ratio, joint_speed)

@@ -64,6 +64,22 @@ def tracking_table() -> str:
     return markdown(header, rows)
 
 
+def borders_table() -> str:
+    """Returns the table of speeds at borders, from the result of `docs/experiments/control_modes.py borders`."""
+    rows = [
+        (
+            row["domain"],
+            f"`{row['control_mode']}`",
+            f"{row['ratio']:.1f}",
+            f"{row['joint_speed']:.1f}",
+            f"{row['fast']} of {row['directions']}",
+        )
+        for row in read_results("control_modes_borders")
+    ]
+    hand = "hand, as a multiple of the commanded speed"
+    return markdown(("domain", "mode", hand, "joint [rad/s]", "directions beyond 1.5 or 3 rad/s"), rows)
+
+
 def control_speed_table() -> str:
     """Returns the table of speeds, from the result of `docs/experiments/control_modes.py speed`."""
     rows = [
@@ -869,6 +885,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "holding_objects": functools.partial(holding_table, real=True),
     "holding_speed": holding_speed_table,
     "control_modes_tracking": tracking_table,
+    "control_modes_borders": borders_table,
     "control_modes_speed": control_speed_table,
     "kitchen_rewards": reward_table,
     "training_tasks": training_table,
