@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import policies, suite
-from kitchen_suite.policies.experts import grasps
+from kitchen_suite.policies.experts import grasps, pick_and_place
 from kitchen_suite.policies.experts.base import make
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN
 from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory
@@ -108,14 +108,38 @@ def test_an_object_that_has_fallen_over_is_left_alone():
     assert expert._current_trajectory.duration == 0.0
 
 
-def test_what_is_carried_turns_smoothly():
+def around_a_corner():
+    """A motion of the joints that carries something around a corner."""
     corner = np.zeros((3, 7))
     corner[1:, 0] = 1.0
     corner[2, 1] = 1.0
     limits = JointSpeedLimits(joint_speed=(0.05,) * 7, timestep=0.08)
     start, end = (JointTrajectory.stationary(np.full(7, place), OPEN) for place in (-1.0, 2.0))
     held = JointTrajectory(times=np.array([0.0, 20.0, 40.0]), knots=corner, fingers=np.full(3, CLOSED))
-    sharp = start.then(held, limits).then(end, limits)
+    return start.then(held, limits).then(end, limits)
+
+
+@pytest.mark.parametrize(
+    ("by_window", "window", "fewest"),
+    [([0], 10.0, 0), ([3, 0], 5.0, 0), ([3, 3, 2], 2.0, 2), ([3, 3, 3], 10.0, 3)],
+    ids=["clear", "a corner is cut", "touches anyway", "touches as often"],
+)
+def test_what_is_carried_cuts_no_corner_into_something(by_window, window, fewest):
+    """The numbers are those of the control steps in which a motion of each window touches something."""
+    counts = iter(by_window)
+    kitchen = object.__new__(pick_and_place._ObjectKitchen)
+    checked = []
+    kitchen._touches = lambda knots, number, held: checked.append(len(knots)) or next(counts)
+    sharp = around_a_corner()
+    touches, smooth = kitchen._smoothed(sharp, 0, None)
+    assert touches == fewest
+    np.testing.assert_array_equal(smooth.knots, sharp.smoothed(window).knots)
+    # Every control step with closed fingers.
+    assert set(checked) == {np.count_nonzero(smooth.fingers == CLOSED)}
+
+
+def test_what_is_carried_turns_smoothly():
+    sharp = around_a_corner()
     smooth = sharp.smoothed(6.0)
     steps = np.arange(sharp.duration)
     positions = [np.stack([each.at(time)[0] for time in steps]) for each in (sharp, smooth)]

@@ -42,7 +42,9 @@ _ENTRIES = (0.3, 0.2, 0.4)  # Distances from which the hand moves straight into 
 _ABOVE = 0.006  # Height above its support at which an object is let go [m].
 _JOINT_SHARE = 0.5  # Share of the joints' greatest speeds with which objects are carried.
 _TURN_SPEED = 0.8  # Speed with which the hand turns what it carries [rad/s].
-_SMOOTHING = 10.0  # Half width of the moving average of the motions with which objects are carried [control steps].
+# Half widths of the moving average of the motions with which objects are carried [control steps]: the first is taken
+# with which nothing is touched, where it cuts a corner or where the way was checked too coarsely.
+_SMOOTHINGS = (10.0, 5.0, 2.0)
 _FEW = 3  # Number of joint positions at which the robot may brush against something where it cannot do without.
 _LEAST_UPRIGHT = 0.6  # Least cosine of the tilt of what is carried.
 _ATTEMPTS = 8  # Number of motions that are tried for an object.
@@ -278,7 +280,7 @@ class _ObjectKitchen:
             (grasp, place) for grasp in found_grasps for place in found_places if grasp.end.pitch == place.end.pitch
         ]
         pairs.sort(key=lambda pair: (pair[0].touches + pair[1].touches, pair[0].distance(pair[1])))
-        found: list[JointTrajectory] = []
+        found: list[tuple[int, JointTrajectory]] = []
         ways: dict[int, list[Array] | None] = {}
         for grasp, place in pairs[:_MOST]:
             first = id(grasp)
@@ -297,10 +299,28 @@ class _ObjectKitchen:
             motion = motion.then(grasp.trajectory, limits)
             for joints in carry:
                 motion = motion.then(JointTrajectory.stationary(joints, skills.CLOSED), slow)
-            found.append(motion.then(place.trajectory, slow).smoothed(_SMOOTHING))
-            if len(found) == _FOUND:
+            found.append(self._smoothed(motion.then(place.trajectory, slow), number, held))
+            if sum(not touches for touches, _ in found) == _FOUND:
                 break
-        return min(found, key=lambda each: each.duration, default=None)
+        _, shortest = min(found, key=lambda each: (each[0], each[1].duration), default=(0, None))
+        return shortest
+
+    def _smoothed(self, motion: JointTrajectory, number: int, held: mink.SE3) -> tuple[int, JointTrajectory]:
+        """Returns a motion without sudden turns, and at how many of its control steps something is touched.
+
+        It is the smoothest of those with the fewest touches. They count while the fingers are closed.
+        """
+        best: tuple[int, JointTrajectory] | None = None
+        for window in _SMOOTHINGS:
+            smoothed = motion.smoothed(window)
+            closed = np.flatnonzero(smoothed.fingers == skills.CLOSED)
+            touches = self._touches([*smoothed.knots[closed]], number, held)
+            if best is None or touches < best[0]:
+                best = touches, smoothed
+            if not touches:
+                break
+        assert best is not None
+        return best
 
     def _way(
         self, first: Array, last: Array, number: int | None, held: mink.SE3 | None, generator: np.random.Generator
