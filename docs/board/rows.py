@@ -65,7 +65,7 @@ STATEMENT = "row.json"
 # Headings, links and fenced lines, which no markup of a row's own may end.
 _Title = Annotated[str, Meta(max_length=60, pattern=r"^[\w ,.+()-]+\Z")]
 _Link = Annotated[str, Meta(max_length=200, pattern=r"^(https://|\.\./)[\w./~%#?=&-]+\Z")]
-_Command = Annotated[str, Meta(max_length=400, pattern=r"^[ -_a-~]+\Z")]
+_Command = Annotated[str, Meta(max_length=600, pattern=r"^[ -_a-~]+\Z")]
 # Any text of one line.
 _Text = Annotated[str, Meta(max_length=400, pattern=r"^[^\n\r]+\Z")]
 _Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
