@@ -10,7 +10,7 @@ Results are written to results/objects_*.json. It needs the extra `experts`.
 import collections
 import functools
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from dm_control.rl.control import PhysicsError
@@ -19,6 +19,7 @@ from tqdm import tqdm
 
 from kitchen_suite import policies, suite
 from kitchen_suite.entities.kitchen_designs import SPLITS
+from kitchen_suite.entities.scenes import FLOOR
 from kitchen_suite.tasks.pick_and_place.mdp import PickAndPlaceState
 from kitchen_suite.tasks.pick_and_place.task import PickAndPlaceTask
 
@@ -33,6 +34,8 @@ EXPERT = RESULTS / "objects_expert.json"
 MOVED = 0.02
 
 STEPS, TIMESTEP = 500, 0.08  # Control steps in an episode, and their length [s].
+
+RESTING = 0.02  # Speed below which an object rests [m/s].
 
 
 # Causes of failures, by their names in results.
@@ -96,33 +99,60 @@ def expert(split: str, certified: bool) -> None:
     write_rows(EXPERT, [*others, *rows])
 
 
-def play_random(design: int, episodes: int) -> tuple[int, int, float]:
-    """Plays random actions in a kitchen; returns control steps, diverged episodes, and the greatest depth [m]."""
+class RandomPlay(NamedTuple):
+    """What random actions did in some episodes.
+
+    Attributes:
+      steps: control steps.
+      diverged: diverged episodes.
+      depth: greatest depth of an object in furniture or floor [m].
+      depth_at_rest: the same of objects that rest and that nothing else touches.
+      lost: objects that lay below the floor at the end of an episode.
+    """
+
+    steps: int = 0
+    diverged: int = 0
+    depth: float = 0.0
+    depth_at_rest: float = 0.0
+    lost: int = 0
+
+
+def play_random(design: int, episodes: int) -> RandomPlay:
+    """Plays random actions in a kitchen."""
     arguments = {"design": design, "split": "test", "visuals": False, "random": design}
     environment = suite.load("pick_and_place", "any", arguments)
     generator = np.random.default_rng(design)
+    task = environment.task
     model, data = environment.physics.model, environment.physics.data
-    bodies = [model.id2name(body, "body").split("/")[0] for body in model.geom_bodyid]
-    own = np.array([name in environment.task.scene.layout.names for name in bodies])
-    robot = np.array([name == "franka" for name in bodies])
-    steps = 0
-    diverged = 0
-    depth = 0.0  # [m]
+    names = [model.id2name(body, "body").split("/")[0] for body in model.geom_bodyid]
+    # Of each geom, its object's place in the layout; -1 for those of no object.
+    owners = np.array([[*task.scene.layout.names, name].index(name) for name in names])
+    owners[owners == len(task.scene.layout.names)] = -1
+    robot = np.array([name == "franka" for name in names])
+    played = RandomPlay()
     for _ in range(episodes):
         timestep = environment.reset()
         while not timestep.last():
             try:
                 timestep = environment.step(generator.uniform(-1.0, 1.0, 9))
             except PhysicsError:
-                diverged += 1
+                played = played._replace(diverged=played.diverged + 1)
                 break
-            steps += 1
-            pairs = data.contact.geom[: data.ncon]
-            # An object in what is neither the robot nor another object.
-            walls = own[pairs].any(axis=1) & ~own[pairs].all(axis=1) & ~robot[pairs].any(axis=1)
-            if walls.any():
-                depth = max(depth, float(-data.contact.dist[: data.ncon][walls].min()))
-    return steps, diverged, depth
+            pairs, depths = data.contact.geom[: data.ncon], -data.contact.dist[: data.ncon]
+            own = owners[pairs].max(axis=1)
+            # Of an object with what is neither the robot nor another object.
+            is_wall = (own >= 0) & (owners[pairs].min(axis=1) < 0) & ~robot[pairs].any(axis=1)
+            moved = {*owners[pairs[~is_wall]].ravel().tolist()}
+            resting = [bool(speed < RESTING and number not in moved) for number, speed in enumerate(task.state.speeds)]
+            at_rest = is_wall & np.array([*resting, False])[own]
+            played = played._replace(
+                steps=played.steps + 1,
+                depth=max(played.depth, depths[is_wall].max(initial=0.0)),
+                depth_at_rest=max(played.depth_at_rest, depths[at_rest].max(initial=0.0)),
+            )
+        below = (task.state.centres[:, 2] < FLOOR) & task.state.items.present
+        played = played._replace(lost=played.lost + int(below.sum()))
+    return played
 
 
 def random(hours: float) -> None:
@@ -131,10 +161,12 @@ def random(hours: float) -> None:
     played = in_processes(functools.partial(play_random, episodes=episodes), range(KITCHENS))
     results = [*tqdm(played, total=KITCHENS, unit="kitchen", disable=None)]
     row = {
-        "hours": round(sum(steps for steps, _, _ in results) * TIMESTEP / 3600, 2),
+        "hours": round(sum(each.steps for each in results) * TIMESTEP / 3600, 2),
         "episodes": KITCHENS * episodes,
-        "diverged": sum(diverged for _, diverged, _ in results),
-        "depth_mm": round(1e3 * max(depth for _, _, depth in results), 2),
+        "diverged": sum(each.diverged for each in results),
+        "lost": sum(each.lost for each in results),
+        "depth_mm": round(1e3 * max(each.depth for each in results), 2),
+        "depth_at_rest_mm": round(1e3 * max(each.depth_at_rest for each in results), 2),
     }
     write_rows(RESULTS / "objects_random.json", [row])
 

@@ -1,5 +1,6 @@
 """The tables of measurements, from the results in docs/experiments/results/: `RESULT_TABLES`."""
 
+import collections
 import functools
 import itertools
 import json
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import benchmark_tables
+import numpy as np
 from scipy import stats
 from tabulate import tabulate
 
@@ -25,6 +27,7 @@ from kitchen_suite.tasks.pick_and_place.certificates import ObjectCertificate
 from kitchen_suite.tasks.pick_and_place.requests import VERBS as OBJECT_VERBS
 
 RESULTS = Path(__file__).resolve().parent.parent / "experiments" / "results"
+BOARD = Path(__file__).resolve().parent.parent / "board"
 
 
 # Certificates that the package has.
@@ -689,6 +692,30 @@ def objects_expert_table() -> str:
     return markdown(header, rows)
 
 
+def objects_policies_table() -> str:
+    """Returns the table of the protocol unseen-pick-and-place by what was asked for, from receipts of the board."""
+    rows = []
+    for policy, folder in {"expert": "expert", "trained": "objects_clone"}.items():
+        evaluation = Evaluation.read(BOARD / folder / "unseen-pick-and-place.npz")
+        results = [result for of_kitchen in evaluation.results.values() for result in of_kitchen]
+        successes = collections.defaultdict(list)
+        for result in results:
+            (name,) = result.asked
+            successes[name.split(" ")[0]].append(result.success)
+        forces = [result.measures["peak_carried_contact_force"] for result in results]
+        rows.append(
+            (
+                policy,
+                *(f"{sum(successes[verb])} of {len(successes[verb])}" for verb in OBJECT_VERBS),
+                f"{sum(result.measures['objects_dropped'] for result in results):.0f}",
+                *(f"{share:.0f} N" for share in np.quantile(forces, [0.5, 0.9])),
+            )
+        )
+    collisions = ("hardest collision: median", "nine of ten below")
+    header = ("policy", *(f"`{verb}`" for verb in OBJECT_VERBS), "objects dropped", *collisions)
+    return markdown(header, rows)
+
+
 def kitchens_expert_table() -> str:
     """Returns the table of the expert's success with fresh noise, from `docs/experiments/kitchens.py expert`."""
     (result,) = read_results("kitchens_expert")
@@ -923,6 +950,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "kitchens_certificates": certificate_table,
     "pick_and_place_certificates": object_certificate_table,
     "pick_and_place_expert": objects_expert_table,
+    "pick_and_place_policies": objects_policies_table,
     "kitchens_expert": kitchens_expert_table,
     "kitchens_modes": kitchens_mode_table,
     "kitchens_designs": kitchens_design_table,
