@@ -100,7 +100,7 @@ def expert(split: str, certified: bool) -> None:
 
 
 class RandomPlay(NamedTuple):
-    """What random actions did in some episodes.
+    """The outcome of some episodes of random actions.
 
     Attributes:
       steps: control steps.
@@ -125,9 +125,9 @@ def play_random(design: int, episodes: int) -> RandomPlay:
     task = environment.task
     model, data = environment.physics.model, environment.physics.data
     names = [model.id2name(body, "body").split("/")[0] for body in model.geom_bodyid]
+    places = {name: place for place, name in enumerate(task.scene.layout.names)}
     # Of each geom, its object's place in the layout; -1 for those of no object.
-    owners = np.array([[*task.scene.layout.names, name].index(name) for name in names])
-    owners[owners == len(task.scene.layout.names)] = -1
+    owners = np.array([places.get(name, -1) for name in names])
     robot = np.array([name == "franka" for name in names])
     played = RandomPlay()
     for _ in range(episodes):

@@ -27,7 +27,7 @@ _TOUCH = 1e-6
 
 
 class Carrying(NamedTuple):
-    """What an episode's carried objects met with up to the last control step.
+    """The collisions of carried objects in an episode, up to the last control step.
 
     Attributes:
       peak_force: `(...)`, greatest contact force between an object that the hand touches and anything but the hand [N].

@@ -148,7 +148,7 @@ def test_objects_that_are_dropped_and_collide_are_measured_where_there_are_objec
 
 
 @pytest.mark.full
-def test_a_registered_domain_has_measures_of_its_own(monkeypatch):
+def test_a_registered_domain_has_measures_of_its_own():
     """Of a domain derived from another one, and one more: a mean in a unit, not a rate, cut off at its least value."""
     original = suite.DOMAINS["pick_and_place"]
     own = dataclasses.replace(
