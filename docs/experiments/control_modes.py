@@ -9,16 +9,19 @@ import contextlib
 import functools
 import statistics
 import time
+from typing import Any
+from unittest import mock
 
 import gymnasium
 import numpy as np
 import tracking
-from experiment import RESULTS, run_named, write_rows
+from experiment import RESULTS, in_processes, run_named, write_rows
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import KITCHEN_ID
+from kitchen_suite.tasks.control_modes import speed_limits
 
 # Of `speed`: environments, rounds that count, and control steps of a round.
 NUM_ENVS = 32
@@ -26,8 +29,11 @@ ROUNDS = 15
 STEPS = 20
 SPEED_MODES = ("joint_velocity", "joint_position", *tracking.HOLDING_MODES)
 
-# Of `borders`: the time for which the hand is sent into a direction [s], and what counts as fast.
+# Of `borders`: resets from which the hand is sent into each direction, for how long [s], the domains with limits, and
+# what counts as fast.
+RESETS = 6
 DRIVE_SECONDS = 6.0
+LIMITED_DOMAINS = ("open_cabinet", "microwave_table")
 FAST_HAND = 1.5
 FAST_JOINT = 3.0  # [rad/s]
 
@@ -48,21 +54,41 @@ def measure_tracking() -> None:
 
 
 def measure_borders() -> None:
-    """Writes how fast hand and joints get in each mode of small steps, in 26 directions from the reset."""
-    directions = [np.subtract(index, 1.0) for index in np.ndindex(3, 3, 3) if index != (1, 1, 1)]
-    rows = []
-    cases = [(domain, mode) for domain in suite.DOMAINS for mode in ("ee_delta_position", "ee_delta_pose")]
-    for domain, mode in tqdm(cases, unit="mode", disable=None):
-        environment = tracking.load(domain, mode)
-        drives = [tracking.drive(environment, direction, DRIVE_SECONDS) for direction in directions]
-        row = {
-            "ratio": max(each.ratio for each in drives),
-            "joint_speed": max(each.joint_speed for each in drives),
-            "directions": len(drives),
-            "fast": sum(bool(each.ratio > FAST_HAND or each.joint_speed > FAST_JOINT) for each in drives),
-        }
-        rows.append({"domain": domain, "control_mode": mode, **row})
+    """Writes how fast hand and joints get in each mode of small steps, in 26 directions from several resets."""
+    cases = [
+        (domain, mode, limited)
+        for domain in suite.DOMAINS
+        for mode in ("ee_delta_position", "ee_delta_pose")
+        for limited in ((True, False) if domain in LIMITED_DOMAINS else (False,))
+    ]
+    rows = [*tqdm(in_processes(borders, cases), total=len(cases), unit="mode", disable=None)]
     write_rows(RESULTS / "control_modes_borders.json", rows)
+
+
+def borders(case: tuple[str, str, bool]) -> dict[str, Any]:
+    """Returns how fast hand and joints get in a domain and a mode, with or without limits of speed."""
+    domain, mode, limited = case
+    environment = tracking.load(domain, mode)
+    directions = [np.subtract(index, 1.0) for index in np.ndindex(3, 3, 3) if index != (1, 1, 1)]
+    with contextlib.ExitStack() as stack:
+        if not limited:
+            stack.enter_context(mock.patch.object(speed_limits, "limited", lambda *args: args[3]))
+        drives = [tracking.drive(environment, direction, DRIVE_SECONDS) for direction in directions * RESETS]
+    ratios = np.concatenate([each.ratios for each in drives])
+    joint_speeds = np.concatenate([each.joint_speeds for each in drives])
+    is_free = ~np.concatenate([each.touches for each in drives])
+    is_fast = (ratios > FAST_HAND) | (joint_speeds > FAST_JOINT)
+    return {
+        "domain": domain,
+        "control_mode": mode,
+        "limited": limited,
+        "ratio": ratios.max(),
+        "free_ratio": ratios[is_free].max(),
+        "joint_speed": joint_speeds.max(),
+        "free_joint_speed": joint_speeds[is_free].max(),
+        "steps": is_fast.size,
+        "fast": int(is_fast.sum()),
+    }
 
 
 def measure_speed() -> None:

@@ -24,6 +24,9 @@ SETTLE_STEPS = 4  # Control steps in which the arm settles after a reset.
 PAUSE_STEPS = 20  # Control steps at rest before a line.
 REST_STEPS = 5  # Control steps at rest after a line.
 
+# Time after a contact in which the arm is still coming free [s], of at least two control steps.
+FREED_SECONDS = 0.08
+
 OPEN_GRIPPER = -1.0
 
 
@@ -192,31 +195,39 @@ class _Mover:
 
 @dataclasses.dataclass(frozen=True)
 class Drive:
-    """How fast an arm moved while the hand was commanded into one direction.
+    """How fast an arm moved while the hand was commanded into one direction, in each control step.
 
     Attributes:
-      ratio: greatest speed of the hand in a control step, as a multiple of the commanded one.
-      joint_speed: greatest speed of a joint at the end of a control step [rad/s].
+      ratios: `(k,)`, speed of the hand, as a multiple of the commanded one.
+      joint_speeds: `(k,)`, greatest speed of a joint at the end of the control step [rad/s].
+      touches: `(k,)` bool, whether the robot touched something at the end of the control step, or shortly before, so
+        that what held it back may just have come free.
     """
 
-    ratio: float
-    joint_speed: float
+    ratios: NDArray[np.float64]
+    joint_speeds: NDArray[np.float64]
+    touches: NDArray[np.bool_]
 
 
 def drive(environment: Environment, direction: NDArray[np.float64], seconds: float) -> Drive:
-    """Commands the hand of an `ee_delta` mode into a direction `(3,)` from the reset, on to the border of its reach."""
+    """Commands the hand of an `ee_delta` mode into a direction `(3,)` from a reset, on to the border of its reach."""
     environment.reset()
-    joints = environment.physics.bind(environment.task.robot.joints[: environment.task.robot.arm_size])
+    physics, robot = environment.physics, environment.task.robot
+    joints = physics.bind(robot.joints[: robot.arm_size])
+    geoms = physics.bind(robot.mjcf_model.find_all("geom")).element_id
     timestep = environment.control_timestep()
     action = np.zeros(environment.action_spec().shape)
     action[:3] = direction
     commanded = environment.task.mdp.action_mode.linear_speed * np.linalg.norm(direction)
-    ratio, joint_speed = 0.0, 0.0
+    steps = []
     position, _ = end_effector_pose(environment)
     for _ in range(round(seconds / timestep)):
         if environment.step(action).last():
             break
         before, (position, _) = position, end_effector_pose(environment)
-        ratio = max(ratio, float(np.linalg.norm(position - before)) / timestep / commanded)
-        joint_speed = max(joint_speed, float(np.abs(joints.qvel).max()))
-    return Drive(ratio, joint_speed)
+        touches = bool(np.isin(physics.data.contact.geom[: physics.data.ncon], geoms).any())
+        steps.append((np.linalg.norm(position - before) / timestep / commanded, np.abs(joints.qvel).max(), touches))
+    ratios, joint_speeds, touches = np.transpose(steps)
+    recent = max(2, round(FREED_SECONDS / timestep))
+    freed = [touches[max(0, k - recent) : k + 1].any() for k in range(len(touches))]
+    return Drive(ratios, joint_speeds, np.array(freed))

@@ -73,14 +73,15 @@ def borders_table() -> str:
         (
             row["domain"],
             f"`{row['control_mode']}`",
-            f"{row['ratio']:.1f}",
-            f"{row['joint_speed']:.1f}",
-            f"{row['fast']} of {row['directions']}",
+            "yes" if row["limited"] else "",
+            f"{row['ratio']:.2f} ({row['free_ratio']:.2f})",
+            f"{row['joint_speed']:.2f} ({row['free_joint_speed']:.2f})",
+            f"{row['fast']:,} of {row['steps']:,}",
         )
         for row in read_results("control_modes_borders")
     ]
-    hand = "hand, as a multiple of the commanded speed"
-    return markdown(("domain", "mode", hand, "joint [rad/s]", "directions beyond 1.5 or 3 rad/s"), rows)
+    header = ("domain", "mode", "limits", "hand (free)", "joint (free) [rad/s]", "steps beyond 1.5 or 3 rad/s")
+    return markdown(header, rows)
 
 
 def control_speed_table() -> str:

@@ -11,7 +11,7 @@ from dm_env import specs
 from kitchen_suite import checks
 from kitchen_suite.entities.robot import Robot
 from kitchen_suite.tasks import rotations
-from kitchen_suite.tasks.control_modes import inverse_kinematics
+from kitchen_suite.tasks.control_modes import inverse_kinematics, speed_limits
 from kitchen_suite.tasks.control_modes.action_mode import ActionMode, unit_spec
 from kitchen_suite.tasks.control_modes.joints import MAX_SPEED, ArmServos, Gripper
 from kitchen_suite.tasks.simulation import Simulation, as_columns
@@ -61,6 +61,8 @@ class ArmKinematics:
         )
         self._site_quat = np.array(physics.bind(site).quat)
         self._response = max(_LEAST_RESPONSE, _RESPONSE_STEPS * timestep)
+        # In longer control steps the servos reach their velocities, and what holds the hand back is not seen.
+        self._has_limits = self.servos.have_feedback and self._response > _RESPONSE_STEPS * timestep
 
     def pose(self, simulation: Simulation) -> tuple[Array, Array]:
         """Returns the end effector's position `(..., 3)` [m] and orientation `(..., 4)` in the world."""
@@ -71,28 +73,35 @@ class ArmKinematics:
         """Returns the base's position `(..., 3)` [m] and orientation `(..., 4)` in the world."""
         return simulation.read("xpos", self._base)[..., 0, :], simulation.read("xquat", self._base)[..., 0, :]
 
-    def target(self, simulation: Simulation, error: Array, posture: Array) -> Array:
+    def target(self, simulation: Simulation, error: Array, posture: Array, speed: Array | None = None) -> Array:
         """Returns targets `(..., 7)` of the arm's servos that move the end effector towards its target [rad].
 
         Args:
           simulation: the physics.
           error: `(..., 6)`, the target's offset from the end effector in the world: position [m], rotation vector.
           posture: `(..., 7)`, joint positions to which the null space returns [rad].
+          speed: `(...)`, commanded speed of the end effector, which it is to keep near [m/s]; None if it has none.
         """
         servos, present = self.servos, self.servos.positions(simulation)
         # A joint that stands beyond its limit may stay there.
         low, high = np.minimum(servos.low - present, 0.0), np.maximum(servos.high - present, 0.0)
+        jacobian = inverse_kinematics.jacobian(
+            simulation.read("site_xpos", self._site)[..., 0, :],
+            simulation.read("xanchor", self._joints),
+            simulation.read("xaxis", self._joints),
+        )
         step = inverse_kinematics.joint_step(
-            inverse_kinematics.jacobian(
-                simulation.read("site_xpos", self._site)[..., 0, :],
-                simulation.read("xanchor", self._joints),
-                simulation.read("xaxis", self._joints),
-            ),
+            jacobian,
             error,
             posture=self._response * _POSTURE_RATE * (posture - present),
             low=low,
             high=high,
         )
+        if self._has_limits and speed is not None:
+            velocities = step / self._response
+            limited = speed_limits.limited(servos, simulation, jacobian, velocities, speed)
+            # Steps within the limits keep their bits, which a division and a product may not.
+            step = np.where(limited == velocities, step, limited * self._response)
         # All joints then move with the same time constant, and the end effector on a straight line.
         return servos.target(simulation, present + servos.lag / self._response * step)
 
@@ -142,7 +151,8 @@ class EndEffectorMode(ActionMode):
         held = PoseCommand(
             position + offset, rotations.product(rotations.quaternion(rotation), orientation), posture=command.posture
         )
-        arm = self._arm.target(simulation, np.concatenate([offset, rotation], axis=-1), command.posture)
+        error = np.concatenate([offset, rotation], axis=-1)
+        arm = self._arm.target(simulation, error, command.posture, self._commanded_speed(action))
         return np.concatenate([arm, self._gripper.target(action[..., -1:])], axis=-1), self._kept(command, held)
 
     @abc.abstractmethod
@@ -153,6 +163,10 @@ class EndEffectorMode(ActionMode):
         """Returns what the next control step starts from, given the commands before and after this one."""
         return held
 
+    def _commanded_speed(self, action: Array) -> Array | None:
+        """Returns the speed `(...)` that the end effector is to keep near [m/s]; None if it has none."""
+        return None
+
 
 class _DeltaMode(EndEffectorMode):
     """A mode that changes the commanded pose."""
@@ -160,6 +174,10 @@ class _DeltaMode(EndEffectorMode):
     def __init__(self, *, linear_speed: float, frame: str) -> None:
         self.linear_speed = checks.number(linear_speed, "linear_speed", positive=True, maximum=MAX_SPEED)
         self.frame = checks.choice(frame, FRAMES, "frame")
+
+    def _commanded_speed(self, action: Array) -> Array:
+        # At least that of a unit: a shorter action may follow upon one with which the arm still catches up.
+        return self.linear_speed * np.maximum(rotations.length(action[..., :3])[..., 0], 1.0)
 
     def _moved(self, simulation: Simulation, command: PoseCommand, action: Array) -> PoseCommand:
         """Returns a command with the position that the first three elements of an action request."""

@@ -34,6 +34,9 @@ ARM_SIZE = 7
 # Greatest distance of a target from its joint [rad]: nothing winds up against obstacles.
 TARGET_DISTANCE = 0.3
 
+# Least share of its greatest torque that a servo is taken to have for a change of velocity.
+_LEAST_ROOM = 0.2
+
 # Greatest speed that a unit of action may stand for [rad/s, m/s], several times that of the robot.
 MAX_SPEED = 10.0
 
@@ -119,6 +122,8 @@ class ArmServos:
     Attributes:
       low, high: `(7,)`, joint limits [rad].
       lag: `(7,)`, time constants with which the joints follow their targets [s].
+      light: `(7,)` bool, whether a servo's greatest torque is less than a quarter of the strongest one's.
+      have_feedback: whether the servos damp the joints' velocities themselves, within their greatest torques.
     """
 
     def __init__(self, physics: mjcf.Physics, robot: Robot) -> None:
@@ -128,12 +133,32 @@ class ArmServos:
         self.low, self.high = robot.joint_limits[:, :size].copy()
         self._gain = robot.gains
         self.lag = robot.damping / robot.gains
-        self._ctrl_low, self._ctrl_high = np.transpose(physics.bind(robot.actuators[:size]).ctrlrange)
+        actuators = physics.bind(robot.actuators[:size])
+        self._ctrl_low, self._ctrl_high = np.transpose(actuators.ctrlrange)
+        self._damping = robot.damping
+        limited = physics.model.actuator_forcelimited[actuators.element_id]
+        self._torque = np.where(limited, actuators.forcerange[:, 1], np.inf)
+        self.light = self._torque < self._torque.max() / 4.0
+        self.have_feedback = bool((physics.model.actuator_biasprm[actuators.element_id, 2] < 0.0).any())
         self._qpos, self._qvel = as_columns(joints.qposadr), as_columns(joints.dofadr)
 
     def positions(self, simulation: Simulation) -> Array:
         """Returns the present joint positions `(..., 7)` [rad]."""
         return simulation.read("qpos", self._qpos)
+
+    def velocities(self, simulation: Simulation) -> Array:
+        """Returns the present joint velocities `(..., 7)` [rad/s]."""
+        return simulation.read("qvel", self._qvel)
+
+    def load(self, simulation: Simulation, change: Array) -> Array:
+        """Returns the torques `(..., 7)` that a change `(..., 7)` of velocities [rad/s] asks of the servos.
+
+        Each is a multiple of what the servo can exert beside the torques of gravity and motion, which is taken to be at
+        least a fifth of its greatest torque; 0 where torques are unlimited.
+        """
+        bias = simulation.read("qfrc_bias", self._qvel)
+        room = np.maximum(self._torque - np.sign(change) * bias, _LEAST_ROOM * self._torque)
+        return np.abs(change) * self._damping / room
 
     def target(self, simulation: Simulation, positions: Array) -> Array:
         """Returns servo targets `(..., 7)` that hold the arm at joint positions `(..., 7)` near the present ones [rad].
