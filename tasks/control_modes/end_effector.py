@@ -101,7 +101,8 @@ class ArmKinematics:
             velocities = step / self._response
             limited = speed_limits.limited(servos, simulation, jacobian, velocities, speed)
             # Steps within the limits keep their bits, which a division and a product may not.
-            step = np.where(limited == velocities, step, limited * self._response)
+            if limited is not velocities:
+                step = np.where(limited == velocities, step, limited * self._response)
         # All joints then move with the same time constant, and the end effector on a straight line.
         return servos.target(simulation, present + servos.lag / self._response * step)
 

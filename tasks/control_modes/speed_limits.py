@@ -45,23 +45,24 @@ def limited(
     is_fast = np.maximum(asked, actual) > _FAST
     if not is_fast.any():
         return velocities
-    change = _within(jacobian, velocities, commanded_speed) - present
+    change = _scaled(velocities, asked) - present
     share = np.where(servos.light & (actual <= 1.0)[..., np.newaxis], _LIGHT, 1.0)
     load = (servos.load(simulation, change) * share).max(axis=-1)
     slower = present + change / np.maximum(load, 1.0)[..., np.newaxis]
     # An obstacle may have moved the arm beyond the limits.
-    slower = _within(jacobian, slower, commanded_speed)
+    slower = _scaled(slower, _excess(jacobian, slower, commanded_speed))
     is_changed = is_fast & (np.maximum(asked, load) > 1.0)
     return np.where(is_changed[..., np.newaxis], slower, velocities)
 
 
-def _within(jacobian: Array, velocities: Array, commanded_speed: Array) -> Array:
-    """Returns velocities `(..., 7)` that are scaled down to the limits [rad/s]."""
-    return velocities / np.maximum(_excess(jacobian, velocities, commanded_speed), 1.0)[..., np.newaxis]
+def _scaled(velocities: Array, excess: Array) -> Array:
+    """Returns velocities `(..., 7)` that are scaled down to the limits [rad/s]; `excess` is theirs."""
+    return velocities / np.maximum(excess, 1.0)[..., np.newaxis]
 
 
 def _excess(jacobian: Array, velocities: Array, commanded_speed: Array) -> Array:
     """Returns the greatest ratio `(...)` of the speeds of hand and joints to their limits."""
-    hand = (jacobian @ velocities[..., np.newaxis])[..., :3, 0]
+    # A product of matrices of this size takes several times as long.
+    hand = (jacobian[..., :3, :] * velocities[..., np.newaxis, :]).sum(axis=-1)
     ratio = rotations.length(hand)[..., 0] / (_HAND_RATIO * commanded_speed)
     return np.maximum(ratio, np.abs(velocities).max(axis=-1) / _JOINT_SPEED)
