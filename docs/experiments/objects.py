@@ -2,7 +2,7 @@
 
 python docs/experiments/objects.py expert              requests that are certified, in 100 kitchens of the split test
 python docs/experiments/objects.py expert --any         any requests
-python docs/experiments/objects.py random --hours=100   random actions: nothing diverges, no object gets into a wall
+python docs/experiments/objects.py random --hours=100   random actions: how deep objects get into furniture and floor
 
 Results are written to results/objects_*.json. It needs the extra `experts`.
 """
@@ -12,6 +12,7 @@ import functools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 from dm_control.rl.control import PhysicsError
 from experiment import RESULTS, in_processes, make_parser, read_rows, write_rows
@@ -28,7 +29,7 @@ KITCHENS = 100  # Of each split.
 # Seed of the noise and the start of each episode, which certificates do not use, and episodes in each kitchen.
 SEED, EPISODES = 1000, 2
 
-EXPERT = RESULTS / "objects_expert.json"
+EXPERT, RANDOM = RESULTS / "objects_expert.json", RESULTS / "objects_random.json"
 
 # Least distance by which the hand, or an object, has moved [m].
 MOVED = 0.02
@@ -36,6 +37,8 @@ MOVED = 0.02
 STEPS, TIMESTEP = 500, 0.08  # Control steps in an episode, and their length [s].
 
 RESTING = 0.02  # Speed below which an object rests [m/s].
+
+DEEP = 0.005  # Depth in furniture beyond which a control step is counted [m].
 
 
 # Causes of failures, by their names in results.
@@ -105,21 +108,25 @@ class RandomPlay(NamedTuple):
     Attributes:
       steps: control steps.
       diverged: diverged episodes.
-      depth: greatest depth of an object in furniture or floor [m].
-      depth_at_rest: the same of objects that rest and that nothing else touches.
+      furniture: greatest depth of an object in furniture at the end of a control step [m].
+      floor: the same in the floor.
+      resting: the same in furniture or floor, of objects that rest and that nothing else touches.
+      deep: control steps at the end of which an object is deeper in furniture than `DEEP`.
       lost: objects that lay below the floor at the end of an episode.
     """
 
     steps: int = 0
     diverged: int = 0
-    depth: float = 0.0
-    depth_at_rest: float = 0.0
+    furniture: float = 0.0
+    floor: float = 0.0
+    resting: float = 0.0
+    deep: int = 0
     lost: int = 0
 
 
-def play_random(design: int, episodes: int) -> RandomPlay:
+def play_random(design: int, episodes: int, physics: str) -> RandomPlay:
     """Plays random actions in a kitchen."""
-    arguments = {"design": design, "split": "test", "visuals": False, "random": design}
+    arguments = {"design": design, "split": "test", "physics": physics, "visuals": False, "random": design}
     environment = suite.load("pick_and_place", "any", arguments)
     generator = np.random.default_rng(design)
     task = environment.task
@@ -129,6 +136,7 @@ def play_random(design: int, episodes: int) -> RandomPlay:
     # Of each geom, its object's place in the layout; -1 for those of no object.
     owners = np.array([places.get(name, -1) for name in names])
     robot = np.array([name == "franka" for name in names])
+    planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
     played = RandomPlay()
     for _ in range(episodes):
         timestep = environment.reset()
@@ -141,34 +149,42 @@ def play_random(design: int, episodes: int) -> RandomPlay:
             pairs, depths = data.contact.geom[: data.ncon], -data.contact.dist[: data.ncon]
             own = owners[pairs].max(axis=1)
             # Of an object with what is neither the robot nor another object.
-            is_wall = (own >= 0) & (owners[pairs].min(axis=1) < 0) & ~robot[pairs].any(axis=1)
-            moved = {*owners[pairs[~is_wall]].ravel().tolist()}
+            is_fixed = (own >= 0) & (owners[pairs].min(axis=1) < 0) & ~robot[pairs].any(axis=1)
+            is_floor = is_fixed & planes[pairs].any(axis=1)
+            moved = {*owners[pairs[~is_fixed]].ravel().tolist()}
             resting = [bool(speed < RESTING and number not in moved) for number, speed in enumerate(task.state.speeds)]
-            at_rest = is_wall & np.array([*resting, False])[own]
+            is_resting = is_fixed & np.array([*resting, False])[own]
+            furniture = float(depths[is_fixed & ~is_floor].max(initial=0.0))
             played = played._replace(
                 steps=played.steps + 1,
-                depth=max(played.depth, depths[is_wall].max(initial=0.0)),
-                depth_at_rest=max(played.depth_at_rest, depths[at_rest].max(initial=0.0)),
+                furniture=max(played.furniture, furniture),
+                deep=played.deep + int(furniture > DEEP),
+                floor=max(played.floor, depths[is_floor].max(initial=0.0)),
+                resting=max(played.resting, depths[is_resting].max(initial=0.0)),
             )
         below = (task.state.centres[:, 2] < FLOOR) & task.state.items.present
         played = played._replace(lost=played.lost + int(below.sum()))
     return played
 
 
-def random(hours: float) -> None:
-    """Measures what random actions do."""
+def random(hours: float, physics: str) -> None:
+    """Measures what random actions do; the results of the other physics stay."""
     episodes = max(1, round(hours * 3600 / (KITCHENS * STEPS * TIMESTEP)))
-    played = in_processes(functools.partial(play_random, episodes=episodes), range(KITCHENS))
-    results = [*tqdm(played, total=KITCHENS, unit="kitchen", disable=None)]
+    work = functools.partial(play_random, episodes=episodes, physics=physics)
+    results = [*tqdm(in_processes(work, range(KITCHENS)), total=KITCHENS, unit="kitchen", disable=None)]
     row = {
+        "physics": physics,
         "hours": round(sum(each.steps for each in results) * TIMESTEP / 3600, 2),
         "episodes": KITCHENS * episodes,
         "diverged": sum(each.diverged for each in results),
         "lost": sum(each.lost for each in results),
-        "depth_mm": round(1e3 * max(each.depth for each in results), 2),
-        "depth_at_rest_mm": round(1e3 * max(each.depth_at_rest for each in results), 2),
+        "furniture_mm": round(1e3 * max(each.furniture for each in results), 2),
+        "floor_mm": round(1e3 * max(each.floor for each in results), 2),
+        "resting_mm": round(1e3 * max(each.resting for each in results), 2),
+        "deep_steps": sum(each.deep for each in results),
     }
-    write_rows(RESULTS / "objects_random.json", [row])
+    others = [row for row in read_rows(RANDOM) if row["physics"] != physics]
+    write_rows(RANDOM, [*others, row])
 
 
 def main(command_line: Sequence[str] | None = None) -> None:
@@ -178,11 +194,12 @@ def main(command_line: Sequence[str] | None = None) -> None:
     parser.add_argument("--split", choices=SPLITS, default="test", help="of the expert's kitchens")
     parser.add_argument("--any", action="store_true", help="any requests of the expert, certified or not")
     parser.add_argument("--hours", type=float, default=100.0, help="simulated time of random actions")
+    parser.add_argument("--physics", choices=("fast", "exact"), default="fast", help="of random actions")
     given = parser.parse_args(command_line)
     if given.what == "expert":
         expert(given.split, not given.any)
     else:
-        random(given.hours)
+        random(given.hours, given.physics)
 
 
 if __name__ == "__main__":

@@ -84,6 +84,32 @@ def borders_table() -> str:
     return markdown(header, rows)
 
 
+def objects_random_table() -> str:
+    """Returns the table of what `docs/experiments/objects.py random` has measured."""
+    rows = [
+        (
+            f"`{row['physics']}`",
+            f"{row['hours']:.0f}",
+            *(f"{row[name]:.1f}" for name in ("furniture_mm", "floor_mm", "resting_mm")),
+            row["deep_steps"],
+            row["diverged"],
+            row["lost"],
+        )
+        for row in read_results("objects_random")
+    ]
+    header = (
+        "physics",
+        "hours",
+        "in furniture [mm]",
+        "in the floor [mm]",
+        "at rest [mm]",
+        "control steps beyond 5 mm in furniture",
+        "diverged episodes",
+        "objects below the floor at the end",
+    )
+    return markdown(header, rows)
+
+
 def control_speed_table() -> str:
     """Returns the table of speeds, from the result of `docs/experiments/control_modes.py speed`."""
     rows = [
@@ -914,6 +940,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "holding_speed": holding_speed_table,
     "control_modes_tracking": tracking_table,
     "control_modes_borders": borders_table,
+    "objects_random": objects_random_table,
     "control_modes_speed": control_speed_table,
     "kitchen_rewards": reward_table,
     "training_tasks": training_table,
