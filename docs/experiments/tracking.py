@@ -219,15 +219,17 @@ def drive(environment: Environment, direction: NDArray[np.float64], seconds: flo
     action = np.zeros(environment.action_spec().shape)
     action[:3] = direction
     commanded = environment.task.mdp.action_mode.linear_speed * np.linalg.norm(direction)
-    steps = []
+    ratios = []
+    joint_speeds = []
+    touches = []
     position, _ = end_effector_pose(environment)
     for _ in range(round(seconds / timestep)):
         if environment.step(action).last():
             break
         before, (position, _) = position, end_effector_pose(environment)
-        touches = bool(np.isin(physics.data.contact.geom[: physics.data.ncon], geoms).any())
-        steps.append((np.linalg.norm(position - before) / timestep / commanded, np.abs(joints.qvel).max(), touches))
-    ratios, joint_speeds, touches = np.transpose(steps)
+        ratios.append(np.linalg.norm(position - before) / timestep / commanded)
+        joint_speeds.append(np.abs(joints.qvel).max())
+        touches.append(bool(np.isin(physics.data.contact.geom[: physics.data.ncon], geoms).any()))
     recent = max(2, round(FREED_SECONDS / timestep))
-    freed = [touches[max(0, k - recent) : k + 1].any() for k in range(len(touches))]
-    return Drive(ratios, joint_speeds, np.array(freed))
+    freed = [any(touches[max(0, step - recent) : step + 1]) for step in range(len(touches))]
+    return Drive(np.array(ratios), np.array(joint_speeds), np.array(freed))

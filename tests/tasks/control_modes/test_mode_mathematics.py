@@ -598,6 +598,21 @@ def test_servos_drive_the_end_effector_to_the_command(scene, timestep):
         close(alone[:7], expected[1])
 
 
+def test_the_load_of_a_servo_is_the_torque_of_a_change_beside_gravity(scene):
+    here, change = state(scene), np.array([0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.0])
+    servos = joints.ArmServos(scene.physics, scene.robot)
+    torque = (DAMPING + VELOCITY_GAIN) * change
+    gravity = here.fields["qfrc_bias"][7:14]
+    greatest = np.array([87.0] * 4 + [12.0] * 3)
+    # What remains of the greatest torque in the direction of the change, but no less than a fifth of it.
+    room = [
+        max(most - (g if t > 0.0 else -g), most / 5.0) for t, g, most in zip(torque, gravity, greatest, strict=True)
+    ]
+    close(servos.load(simulation(here), change), np.abs(torque) / room)
+    assert servos.light.tolist() == [False] * 4 + [True] * 3
+    assert servos.have_feedback
+
+
 def test_a_quaternion_needs_a_length():
     mode = end_effector.EndEffectorPose()
 
